@@ -1,0 +1,320 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a simulation consists of, as frozen dataclasses that are valid once they exist.
+
+Each field states its default, range, unit and meaning once, in `setting(...)`; validation, the
+ROS parameters, their descriptors and the README table are all derived from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+import dataclasses
+from dataclasses import dataclass
+import difflib
+import math
+import numbers
+import re
+from typing import Any
+
+import numpy as np
+
+from softbody_ros.core.mesh import PRIMITIVES, Surface
+
+MODES = ('rigid', 'linear', 'quadratic')
+FRICTION_MODELS = ('viscous', 'coulomb')
+OBSTACLE_TYPES = ('plane', 'box', 'sphere', 'capsule', 'mesh')
+NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
+LARGEST = 1e6
+"""Largest magnitude of a vector component: beyond it float64 loses the micrometre."""
+
+
+class ConfigError(ValueError):
+    """A setting that cannot be: the message is one sentence with value, range and remedy."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The facts about one field; `minimum` and `maximum` hold for each element of a vector."""
+
+    default: Any
+    description: str
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    group: str = ''
+    read_only: bool = False
+
+    @property
+    def length(self) -> int | None:
+        """Number of elements of a numeric vector, None for anything else."""
+        is_vector = isinstance(self.default, tuple) and isinstance(self.default[0], float)
+        return len(self.default) if is_vector else None
+
+    @property
+    def range_text(self) -> str:
+        """The allowed values, for tables and error messages."""
+        if self.choices:
+            return ' | '.join(self.choices)
+        if self.minimum is None or self.maximum is None:
+            return ''
+        if self.minimum == -self.maximum:
+            return f'±{self.maximum:g}'
+        return f'{self.minimum:g} … {self.maximum:g}'
+
+
+def setting(default: Any, description: str, **facts: Any) -> Any:
+    """Return a dataclass field that carries a `Setting`."""
+    metadata = {'setting': Setting(default, description, **facts)}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def settings(config_class: type | object) -> Iterator[tuple[str, str, Setting]]:
+    """
+    Yield (field name, dotted name, Setting) of each field made by `setting`.
+
+    The dotted name is the ROS parameter's: field `gravity_magnitude` of group `gravity` is
+    `gravity.magnitude`.
+    """
+    for field in dataclasses.fields(config_class):  # type: ignore[arg-type]
+        facts = field.metadata.get('setting')
+        if facts is None:
+            continue
+        dotted = field.name
+        if facts.group:
+            dotted = facts.group + '.' + field.name.removeprefix(facts.group + '_')
+        yield field.name, dotted, facts
+
+
+def checked(name: str, value: Any, facts: Setting) -> Any:
+    """
+    Return `value` as the type of the setting's default: integers become floats, lists tuples.
+
+    Raises
+    ------
+    ConfigError
+        if the type, the number of elements or the range is wrong, or a number is not finite.
+
+    """
+    default = facts.default
+    if isinstance(default, bool):
+        if not isinstance(value, (bool, np.bool_)):
+            raise ConfigError(f'{name} is {value!r}: it must be true or false')
+        return bool(value)
+    if isinstance(default, str):
+        if not isinstance(value, str):
+            raise ConfigError(f'{name} is {value!r}: it must be a text')
+        if facts.choices and value not in facts.choices:
+            raise ConfigError(f'{name} is {value!r}: choose one of {", ".join(facts.choices)}')
+        return value
+    if isinstance(default, tuple):
+        is_list = isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str)
+        if facts.length is None:
+            if not is_list or not all(isinstance(item, str) for item in value):
+                raise ConfigError(f'{name} is {value!r}: it must be a list of names')
+            return tuple(value)
+        if not is_list or len(value) != facts.length:
+            raise ConfigError(f'{name} is {_shown(value)}: it must be {facts.length} numbers')
+        return tuple(_number(name, value, item, facts, float) for item in value)
+    return _number(name, value, value, facts, type(default))
+
+
+def _number(name: str, value: Any, item: Any, facts: Setting, kind: type) -> Any:
+    wanted = numbers.Integral if kind is int else numbers.Real
+    if isinstance(item, (bool, np.bool_)) or not isinstance(item, wanted):
+        what = 'a whole number' if kind is int else 'a number'
+        raise ConfigError(f'{name} is {_shown(value)}: it must be {what}')
+    number = kind(item)
+    low = -math.inf if facts.minimum is None else facts.minimum
+    high = math.inf if facts.maximum is None else facts.maximum
+    if not math.isfinite(number) or not low <= number <= high:
+        allowed = f'from {low:g} to {high:g}' if low > -math.inf or high < math.inf else 'finite'
+        unit = f' {facts.unit}' if facts.unit else ''
+        each = 'each element must be' if item is not value else 'it must be'
+        raise ConfigError(f'{name} is {_shown(value)}: {each} {allowed}{unit}')
+    return number
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str):
+        return '[' + ', '.join(_shown(item) for item in value) + ']'
+    return f'{value:g}' if isinstance(value, numbers.Real) else repr(value)
+
+
+def unknown_name(name: str, known: Sequence[str]) -> str:
+    """Return the clause of an error message that helps with a misspelt name."""
+    close = difflib.get_close_matches(name, known, n=1)
+    return f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
+
+
+class Checked:
+    """Base of the config dataclasses: checks every setting when an object is made."""
+
+    @property
+    def prefix(self) -> str:
+        """What stands before a setting's name in messages and ROS parameters."""
+        name = getattr(self, 'name', '')
+        return f'{name}.' if name else ''
+
+    def __post_init__(self) -> None:
+        name = getattr(self, 'name', None)
+        if name is not None and not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
+            raise ConfigError(
+                f'the name {name!r} is not usable: begin with a letter and go on with '
+                'letters, digits and underscores'
+            )
+        for field, dotted, facts in settings(self):
+            value = getattr(self, field)
+            if isinstance(value, Surface):
+                continue
+            object.__setattr__(self, field, checked(self.prefix + dotted, value, facts))
+        for field, dotted, facts in settings(self):
+            if field.endswith(('direction', 'orientation')):
+                length = math.hypot(*getattr(self, field))
+                if length < 1e-6:
+                    raise ConfigError(
+                        f'{self.prefix + dotted} is {_shown(getattr(self, field))}: '
+                        f'its length must not be zero, {_shown(facts.default)} is the default'
+                    )
+
+
+def _vector(default: tuple[float, ...], description: str, **facts: Any) -> Any:
+    facts = {'minimum': -LARGEST, 'maximum': LARGEST} | facts
+    return setting(default, description, **facts)
+
+
+@dataclass(frozen=True)
+class BodyConfig(Checked):
+    """
+    One deformable object.
+
+    `mesh` is the name of a primitive, the path of a mesh file, or a `Surface` made by the caller
+    (whose vertices are taken as they are, without `size`).
+    """
+
+    name: str = 'body'
+    mesh: str | Surface = setting(
+        'icosphere',
+        f'{", ".join(PRIMITIVES)}, or a file (STL, OBJ, PLY, OFF, GLB): path or package:// URI',
+        read_only=True,
+    )
+    size: float = setting(
+        0.5,
+        'radius or half extent; a file is centred and scaled to it by its longest side',
+        unit='m', minimum=1e-4, maximum=1e4, read_only=True,
+    )  # fmt: skip
+    subdivisions: int = setting(3, 'fineness of a primitive', minimum=0, maximum=8, read_only=True)
+    position: tuple[float, ...] = _vector(
+        (0.0, 0.0, 1.5), 'where the body starts, and returns to on reset', unit='m'
+    )
+    orientation: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0, 1.0), 'how the body starts: quaternion x y z w', minimum=-1.0, maximum=1.0
+    )
+    initial_velocity_linear: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0), 'of the centre of mass, at start and on apply_initial_velocity',
+        unit='m/s', minimum=-1e4, maximum=1e4, group='initial_velocity',
+    )  # fmt: skip
+    initial_velocity_angular: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0), 'about the centre of mass, world axes',
+        unit='rad/s', minimum=-1e4, maximum=1e4, group='initial_velocity',
+    )  # fmt: skip
+    mass: float = setting(
+        1.0, 'total, spread over the particles by area', unit='kg', minimum=1e-6, maximum=1e6
+    )
+    mode: str = setting('quadratic', 'what the goal shape can do', choices=MODES)
+    stiffness: float = setting(
+        0.5, 'pull towards the goal: cos(ω·reference_step) = 1 − stiffness/2', minimum=0.0,
+        maximum=1.0,
+    )  # fmt: skip
+    bounciness: float = setting(
+        0.5, 'how much of each deformation swing the next one keeps', minimum=0.0, maximum=1.0
+    )
+    deformation: float = setting(
+        0.5, 'share β of the deformation that the goal follows', minimum=0.0, maximum=1.0
+    )
+    elasticity: float = setting(
+        0.3, 'restitution ε of contacts', minimum=0.0, maximum=1.0
+    )  # fmt: skip
+    friction: float = setting(
+        0.2, 'viscous: sliding speed removed per reference_step; coulomb: the coefficient μ',
+        minimum=0.0, maximum=10.0,
+    )  # fmt: skip
+    friction_model: str = setting('viscous', 'law of sliding friction', choices=FRICTION_MODELS)
+    volume_conservation: float = setting(
+        1.0, 'how far the goal keeps the rest volume', minimum=0.0, maximum=1.0
+    )
+    thickness: float = setting(
+        0.0, 'distance kept from obstacles', unit='m', minimum=0.0, maximum=1e3
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.friction_model == 'viscous' and self.friction > 1.0:
+            raise ConfigError(
+                f'{self.prefix}friction is {self.friction:g}: with friction_model viscous it is '
+                'a fraction from 0 to 1; larger coefficients need friction_model coulomb'
+            )
+
+
+@dataclass(frozen=True)
+class ObstacleConfig(Checked):
+    """One thing that bodies bump into; its own +z axis is a plane's normal, a capsule's axis."""
+
+    name: str = 'ground'
+    type: str = setting('plane', 'shape', choices=OBSTACLE_TYPES, read_only=True)
+    position: tuple[float, ...] = _vector((0.0, 0.0, 0.0), 'origin of the shape', unit='m')
+    orientation: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0, 1.0), 'quaternion x y z w', minimum=-1.0, maximum=1.0
+    )
+    size: tuple[float, ...] = setting(
+        (1.0, 1.0, 1.0), 'half extents; unused by a plane', unit='m', minimum=1e-4, maximum=1e4
+    )
+    velocity_linear: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0), 'of the origin', unit='m/s', minimum=-1e4, maximum=1e4, group='velocity'
+    )
+    velocity_angular: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0), 'about the origin, world axes',
+        unit='rad/s', minimum=-1e4, maximum=1e4, group='velocity',
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class WorldConfig(Checked):
+    """Everything that `World` needs: time steps, gravity, bodies and obstacles."""
+
+    time_step: float = setting(
+        1 / 240, 'one tick', unit='s', minimum=1e-5, maximum=0.1, read_only=True
+    )
+    reference_step: float = setting(
+        1 / 120, 'step at which stiffness and friction mean what the publication means',
+        unit='s', minimum=1e-5, maximum=1.0, read_only=True,
+    )  # fmt: skip
+    gravity_magnitude: float = setting(
+        9.81, 'acceleration', unit='m/s²', minimum=0.0, maximum=1e4, group='gravity'
+    )
+    gravity_direction: tuple[float, ...] = _vector(
+        (0.0, 0.0, -1.0), 'any length but zero', group='gravity'
+    )
+    bodies: tuple[BodyConfig, ...] = (BodyConfig(name='ball'),)
+    obstacles: tuple[ObstacleConfig, ...] = (ObstacleConfig(name='ground'),)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = [body.name for body in self.bodies] + [item.name for item in self.obstacles]
+        for name in names:
+            if names.count(name) > 1:
+                raise ConfigError(f'the name {name} is used twice: give each thing its own')
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """(3,) float: acceleration, m/s²."""
+        direction = np.array(self.gravity_direction)
+        return self.gravity_magnitude / np.linalg.norm(direction) * direction
+
+
+def replaced(config: Any, values: Mapping[str, Any]) -> Any:
+    """Return `config` with fields replaced, given their dotted names, and checked again."""
+    fields = {dotted: field for field, dotted, _ in settings(config)}
+    return dataclasses.replace(config, **{fields[name]: value for name, value in values.items()})

@@ -1,0 +1,305 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""One tick of a batch of bodies, as a list of stages, and the gains that make it step-exact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+
+from softbody_ros.core import contact, matching
+from softbody_ros.core.config import BodyConfig
+from softbody_ros.core.contact import Obstacle
+from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
+
+LARGEST_MOMENT = 1e100
+INERTIA_FLOOR = 1e-13
+"""Share of its own size added to an inertia tensor: a rod has none about its axis."""
+
+
+class SimulationError(ArithmeticError):
+    """A step that would leave the finite numbers; the state before it is kept."""
+
+
+# ------------------------------------------------------------------------------------------ gains
+def natural_frequency(stiffness: float, reference_step: float) -> float:
+    """Return ω in rad/s: cos(ω h₀) = 1 − α_s / 2, the frequency of eq. 9–10 at step h₀."""
+    return math.acos(1.0 - stiffness / 2.0) / reference_step
+
+
+def damping_ratio(bounciness: float) -> float:
+    """Return ζ for which each swing has `bounciness` times the amplitude of the one before."""
+    if bounciness <= 0.0:
+        return 1.0
+    overshoot = math.log(bounciness)
+    return -overshoot / math.hypot(math.pi, overshoot)
+
+
+def oscillator_gains(
+    stiffness: float, bounciness: float, step: float, reference_step: float
+) -> tuple[float, float]:
+    """
+    Return the gains s and k that step a damped oscillator exactly, whatever the step.
+
+    With y the distance from the goal, x = x* + s y and v = v* + k y / h sample the motion of
+    frequency ω and damping ζ: the map has trace 2 e cos(√(1−ζ²) ω h) and determinant e²,
+    e = exp(−ζ ω h).
+
+    Parameters
+    ----------
+    stiffness, bounciness : float
+        α_s and α_f, from 0 to 1
+    step, reference_step : float
+        h and h₀, s
+
+    """
+    omega, zeta = natural_frequency(stiffness, reference_step), damping_ratio(bounciness)
+    decay = math.exp(-zeta * omega * step)
+    phase = math.sqrt(1.0 - zeta**2) * omega * step
+    return -math.expm1(-2.0 * zeta * omega * step), (
+        (1.0 - decay) ** 2 + 4.0 * decay * math.sin(phase / 2.0) ** 2
+    )
+
+
+@dataclass(frozen=True)
+class Gains:
+    """
+    What the parameters of B bodies mean for one tick; every array is (B,).
+
+    The modes that a goal follows feel the stiffness (1 − β) α_s, the others α_s. For both to keep
+    their frequency at any step, the goals of positions and of velocities each get the β that
+    makes s · (1 − β_s) and k · (1 − β_k) the exact gains of the stiffness (1 − β) α_s. At the
+    reference step without damping β_k = β, as published.
+    """
+
+    rigid: np.ndarray
+    quadratic: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    position_deformation: np.ndarray
+    velocity_deformation: np.ndarray
+    volume_conservation: np.ndarray
+    elasticity: np.ndarray
+    friction: np.ndarray
+    coulomb: np.ndarray
+    thickness: np.ndarray
+
+    @property
+    def features(self) -> int:
+        """Number of features that the richest mode among the bodies needs."""
+        return QUADRATIC if self.quadratic.any() else LINEAR
+
+
+def make_gains(bodies: Sequence[BodyConfig], step: float, reference_step: float) -> Gains:
+    """Return the gains of bodies that are stepped together."""
+    rows = [_body_gains(body, step, reference_step) for body in bodies]
+    return Gains(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
+    s, k, beta_s, beta_k = 1.0, 1.0, 0.0, 0.0
+    if body.mode != 'rigid':
+        alpha, beta = body.stiffness, body.deformation
+        s, k = oscillator_gains(alpha, body.bounciness, step, reference_step)
+        followed_s, followed_k = oscillator_gains(
+            (1.0 - beta) * alpha, body.bounciness, step, reference_step
+        )
+        beta_k = 1.0 - followed_k / k if k > 0.0 else beta
+        beta_s = 1.0 - followed_s / s if s > 0.0 else beta
+    friction = body.friction
+    if body.friction_model == 'viscous':
+        friction = 1.0 - (1.0 - friction) ** (step / reference_step)
+    return (
+        body.mode == 'rigid',
+        body.mode == 'quadratic',
+        s,
+        k,
+        beta_s,
+        beta_k,
+        body.volume_conservation,
+        body.elasticity,
+        friction,
+        body.friction_model == 'coulomb',
+        body.thickness,
+    )
+
+
+# ------------------------------------------------------------------------------------------- step
+@dataclass
+class Batch:
+    """
+    State of B bodies that share a rest shape.
+
+    Attributes
+    ----------
+    rest : RestShape
+    x, v : (B, 3, n) float
+        positions, m, and velocities, m/s
+    next_x, next_v : (B, 3, n) float
+        where a tick is computed; `World` swaps them in once all batches have succeeded
+
+    """
+
+    rest: RestShape
+    x: np.ndarray
+    v: np.ndarray
+    next_x: np.ndarray = field(init=False)
+    next_v: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.next_x, self.next_v = np.empty_like(self.x), np.empty_like(self.v)
+
+    def swap(self) -> None:
+        """Make the computed tick the current one."""
+        self.x, self.next_x = self.next_x, self.x
+        self.v, self.next_v = self.next_v, self.v
+
+
+def step(
+    batch: Batch, gains: Gains, gravity: np.ndarray, obstacles: Sequence[Obstacle], h: float
+) -> None:
+    """
+    Compute the next tick of a batch into `next_x` and `next_v`.
+
+    Predict, match, correct, collide. Matching conserves momentum and angular momentum exactly.
+
+    Parameters
+    ----------
+    batch : Batch
+    gains : Gains
+    gravity : (3,) float
+        m/s²
+    obstacles : sequence of Obstacle
+    h : float
+        s
+
+    Raises
+    ------
+    SimulationError
+        if a number would not be finite.
+
+    """
+    rest, x, v = batch.rest, batch.next_x, batch.next_v
+    accelerate(batch.v, gravity, h, out=v)
+    predict(batch.x, v, h, out=x)
+    approach = v.copy() if obstacles else v
+
+    centre, moment = matching.moments(x, rest, gains.features)
+    require_finite(moment)
+    rotations = matching.rotation(moment)
+    fits = fit_of_each_mode(moment, rotations, rest, gains)
+    spin = angular_momentum(x, v, centre, rest)
+
+    pull(x, v, centre, fits, rotations, rest, gains, h)
+    restore_angular_momentum(x, v, centre, spin, rest)
+
+    for obstacle in obstacles:
+        contact.collide(x, v, approach, obstacle, gains, float(np.linalg.norm(gravity)), h)
+
+
+def accelerate(v: np.ndarray, gravity: np.ndarray, h: float, out: np.ndarray) -> None:
+    """Write v + h g."""
+    np.add(v, (h * gravity).astype(v.dtype)[:, None], out=out)
+
+
+def predict(x: np.ndarray, v: np.ndarray, h: float, out: np.ndarray) -> None:
+    """Write x + h v."""
+    np.multiply(v, h, out=out)
+    out += x
+
+
+def require_finite(moment: np.ndarray) -> None:
+    """Raise if any position or velocity was not finite: the moments are sums over all of them."""
+    if not np.abs(moment).max() < LARGEST_MOMENT:
+        raise SimulationError('a position or velocity is not finite any more')
+
+
+def fit_of_each_mode(
+    moment: np.ndarray, rotations: np.ndarray, rest: RestShape, gains: Gains
+) -> np.ndarray:
+    """Return (B, 3, F): the quadratic fit of quadratic bodies, the linear fit of the others."""
+    if not gains.quadratic.any():
+        return matching.fit(moment, rotations, rest)
+    fits = matching.fit(moment, rotations, rest)
+    if not gains.quadratic.all():
+        linear = matching.padded(matching.fit(moment[..., :LINEAR], rotations, rest))
+        fits = np.where(gains.quadratic[:, None, None], fits, linear)
+    return fits
+
+
+def pull(
+    x: np.ndarray,
+    v: np.ndarray,
+    centre: np.ndarray,
+    fits: np.ndarray,
+    rotations: np.ndarray,
+    rest: RestShape,
+    gains: Gains,
+    h: float,
+) -> None:
+    """Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h."""
+
+    def towards_goal(deformation: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        transform = matching.blended(fits, rotations, deformation)
+        transform = matching.with_volume(transform, rest, gains.volume_conservation)
+        difference = matching.goals(centre, transform, rest)
+        difference -= x
+        difference *= gain.astype(x.dtype)[:, None, None]
+        return difference
+
+    position_change = towards_goal(gains.position_deformation, gains.position)
+    v += towards_goal(gains.velocity_deformation, gains.velocity / h)
+    x += position_change
+    if gains.rigid.any():
+        # nothing deforms: the mean velocity, to which the angular momentum adds the rotation
+        v[gains.rigid] = (v[gains.rigid] @ rest.weights)[..., None]
+
+
+def angular_momentum(
+    x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape
+) -> np.ndarray:
+    """Return (B, 3): Σ w (x − centre) × v, angular momentum per mass, m²/s."""
+    arms = (x - centre.astype(x.dtype)[..., None]) * rest.weights
+    product = np.matmul(arms, v.transpose(0, 2, 1)).astype(np.float64, copy=False)
+    return np.stack(
+        [
+            product[:, 1, 2] - product[:, 2, 1],
+            product[:, 2, 0] - product[:, 0, 2],
+            product[:, 0, 1] - product[:, 1, 0],
+        ],
+        axis=-1,
+    )
+
+
+def inertia(x: np.ndarray, centre: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return (B, 3, 3): the inertia tensor per mass about the centre of mass, m²."""
+    offsets = x - centre.astype(x.dtype)[..., None]
+    gram = np.matmul(offsets * rest.weights, offsets.transpose(0, 2, 1)).astype(np.float64)
+    trace = np.trace(gram, axis1=1, axis2=2)
+    return trace[:, None, None] * np.eye(3) - gram
+
+
+def angular_velocity(spin: np.ndarray, tensor: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return (B, 3): the ω of a rigid body with this angular momentum and inertia, rad/s."""
+    floor = INERTIA_FLOOR * (np.trace(tensor, axis1=1, axis2=2) + rest.scale**2)
+    return np.linalg.solve(tensor + floor[:, None, None] * np.eye(3), spin[..., None])[..., 0]
+
+
+def restore_angular_momentum(
+    x: np.ndarray, v: np.ndarray, centre: np.ndarray, spin: np.ndarray, rest: RestShape
+) -> None:
+    """
+    Add the rigid rotation that brings the angular momentum back to `spin`.
+
+    The pull conserves it to first order only: moving the particles by s (g − x) changes the
+    inertia under their velocities, and clamped goals exert a torque.
+    """
+    lost = spin - angular_momentum(x, v, centre, rest)
+    omega = angular_velocity(lost, inertia(x, centre, rest), rest)
+    turn = np.zeros((len(omega), 3, 3))
+    turn[:, [2, 0, 1], [1, 2, 0]] = omega
+    turn[:, [1, 2, 0], [2, 0, 1]] = -omega
+    v += np.matmul(turn.astype(v.dtype), x - centre.astype(x.dtype)[..., None])

@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Surfaces of bodies: primitives, and mesh files loaded, welded and checked through trimesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+import os
+
+import numpy as np
+import trimesh
+
+PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
+FILE_TYPES = ('stl', 'obj', 'ply', 'off', 'glb')
+LARGEST_FILE = 1 << 30
+LARGEST_MESH = 4_000_000
+"""Most vertices a body may have: beyond it a step takes longer than a frame on any machine."""
+WELD_DISTANCE = 1e-7
+"""Vertices closer than this fraction of the half extent are one: seams split by UVs or normals."""
+
+
+class MeshError(ValueError):
+    """A mesh that cannot become a body: the message is one sentence with the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """
+    Triangles over shared vertices; without faces, a cloud of points.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        positions in the body's own frame, m
+    faces : (m, 3) int
+        vertex indices, anticlockwise seen from outside
+
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+
+    def __post_init__(self) -> None:
+        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
+        faces = np.ascontiguousarray(self.faces)
+        if not faces.size:
+            faces = faces.reshape(0, 3)
+        _check(vertices, faces, 'the surface')
+        for name, array in (('vertices', vertices), ('faces', faces.astype(np.int32))):
+            array = array.copy()
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether the triangles enclose a volume: every edge has two faces, alike in winding."""
+        mesh = trimesh.Trimesh(self.vertices, self.faces, process=False, validate=False)
+        return bool(len(self.faces) and mesh.is_watertight and mesh.is_winding_consistent)
+
+
+def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
+    """
+    Return the primitive called `mesh`, or the file of that path, centred at the origin.
+
+    Parameters
+    ----------
+    mesh : str
+        one of `PRIMITIVES`, or the path of an STL, OBJ, PLY, OFF or GLB file
+    size : float
+        half the longest side of the bounding box, m
+    subdivisions : int
+        fineness of a primitive; a file is taken as it is
+
+    Raises
+    ------
+    MeshError
+        if the file cannot be read or does not hold a usable triangle mesh.
+
+    """
+    if mesh in PRIMITIVES:
+        shape = _primitive(mesh, subdivisions)
+    else:
+        shape = _read_file(mesh)
+    vertices = np.asarray(shape.vertices, dtype=np.float64)
+    faces = np.asarray(shape.faces, dtype=np.int64)
+    _check(vertices, faces, f'mesh {mesh}')
+    if not len(faces):
+        raise MeshError(f'mesh {mesh} holds no triangles: give a surface, not points or lines')
+    vertices, faces = _welded(_fitted(vertices, faces, mesh), faces)
+    if not len(faces):
+        raise MeshError(f'mesh {mesh} holds only triangles without area: export it again')
+    return _facing_outwards(Surface(size * vertices, faces))
+
+
+def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
+    """Return a primitive that fits a cube of half extent 1; each level doubles its fineness."""
+    sections = 8 * 2**subdivisions
+    if kind == 'icosphere':
+        return trimesh.creation.icosphere(subdivisions=subdivisions, radius=1.0)
+    if kind == 'torus':
+        return trimesh.creation.torus(2 / 3, 1 / 3, sections, sections // 2)
+    if kind == 'box':
+        box = trimesh.creation.box((2.0, 2.0, 2.0))
+        for _ in range(subdivisions):
+            box = box.subdivide()
+        return box
+    quarter = sections // 4 + 1
+    if kind == 'capsule':
+        angle = np.linspace(0.0, np.pi / 2, quarter)
+        lid = np.stack([0.5 * np.sin(angle), 0.5 + 0.5 * np.cos(angle)], axis=1)
+    else:
+        lid = np.stack([np.linspace(0.0, 1.0, quarter), np.ones(quarter)], axis=1)
+    lid[0, 0] = 0.0
+    side = np.linspace(lid[-1], lid[-1] * (1, -1), quarter)[1:-1]
+    profile = np.vstack([lid, side, lid[::-1] * (1, -1)])
+    return trimesh.creation.revolve(profile[::-1], sections=sections)
+
+
+def _read_file(path: str) -> trimesh.Trimesh:
+    extension = os.path.splitext(path)[1].lower().lstrip('.')
+    if extension not in FILE_TYPES:
+        raise MeshError(
+            f'mesh {path!r} is neither a primitive ({", ".join(PRIMITIVES)}) '
+            f'nor a file that ends in .{", .".join(FILE_TYPES)}'
+        )
+    if not os.path.isfile(path):
+        raise MeshError(f'mesh file {path} does not exist: check the path')
+    if os.path.getsize(path) > LARGEST_FILE:
+        raise MeshError(f'mesh file {path} is larger than 1 GiB: simplify the mesh first')
+    try:
+        shape = trimesh.load(path, file_type=extension, force='mesh', process=False)
+    except Exception as error:  # the parsers of the formats raise whatever they like
+        reason = ' '.join(str(error).split()) or type(error).__name__
+        raise MeshError(
+            f'mesh file {path} cannot be read as {extension.upper()} ({reason}): export it again'
+        ) from None
+    if not isinstance(shape, trimesh.Trimesh):
+        raise MeshError(
+            f'mesh file {path} holds no triangles: give a surface, not points or lines'
+        )
+    return shape
+
+
+def _check(vertices: np.ndarray, faces: np.ndarray, what: str) -> None:
+    if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not len(vertices):
+        raise MeshError(f'{what} has vertices of shape {vertices.shape}: it must be (n, 3), n > 0')
+    if len(vertices) > LARGEST_MESH:
+        raise MeshError(
+            f'{what} has {len(vertices)} vertices, more than {LARGEST_MESH}: simplify it first'
+        )
+    if not np.isfinite(vertices).all():
+        raise MeshError(f'{what} has vertices that are not finite: export it again')
+    if faces.ndim != 2 or faces.shape[1] != 3:
+        raise MeshError(f'{what} has faces of shape {faces.shape}: they must be triangles, (m, 3)')
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise MeshError(f'{what} has faces that refer to vertices outside 0 … {len(vertices) - 1}')
+
+
+def _fitted(vertices: np.ndarray, faces: np.ndarray, mesh: str) -> np.ndarray:
+    """Return the vertices moved and scaled so that the faces just fit a cube of half extent 1."""
+    used = vertices[np.unique(faces)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    with np.errstate(over='ignore'):
+        half_extent = (high - low).max() / 2
+    if not 0 < half_extent < np.inf:
+        raise MeshError(f'mesh {mesh} measures {2 * half_extent:g} across: export it again')
+    return (vertices - (low + high) / 2) / half_extent
+
+
+def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces with equal positions merged, in the order of the file."""
+    cells = np.round(vertices / WELD_DISTANCE).astype(np.int64)
+    first, same = trimesh.grouping.unique_rows(cells)
+    faces = first[same][faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    kept = np.unique(faces)
+    return vertices[kept], np.searchsorted(kept, faces)
+
+
+def _facing_outwards(surface: Surface) -> Surface:
+    """Return a closed surface with positive volume; some exporters turn all triangles around."""
+    a, b, c = surface.vertices[surface.faces.T]
+    if surface.closed and np.einsum('ij,ij->', a, np.cross(b, c)) < 0:
+        return Surface(surface.vertices, surface.faces[:, ::-1])
+    return surface

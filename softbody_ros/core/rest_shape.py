@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What matching needs of a rest shape: computed once, shared by all bodies that have the shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from softbody_ros.core.mesh import MeshError, Surface
+
+LINEAR, QUADRATIC = 3, 9
+"""Number of features that a linear and a quadratic goal combine."""
+RANK_CUT = 1e-9
+"""Eigenvalues below this fraction of the largest count as zero: sheets, rods, 8-vertex boxes."""
+FACE_BLOCK = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class RestShape:
+    """
+    Constants of one rest shape of n particles.
+
+    Lengths are divided by `scale`, so that the numerics do not depend on the size of the object:
+    q = (x⁰ − centre) / scale. Row 0 of `features` is 1 and stands for the translation; rows 1–3
+    are q, rows 4–9 the products x² y² z² xy yz zx, all but the first with weighted mean zero.
+    Without that mean the quadratic goals would move the centre of mass.
+
+    Attributes
+    ----------
+    surface : Surface
+        the shape in the body's own frame
+    centre : (3,) float
+        centre of mass in the body's own frame, m
+    scale : float
+        RMS distance of the particles from the centre of mass, m
+    weights : (n,) float
+        share of the body's mass that each particle has; they sum to 1
+    features : (10, n) float
+        what a goal combines linearly: goal = transform @ features
+    weighted_features : (10, n) float
+        `weights` times `features`; positions @ weighted_featuresᵀ are the moments
+    inverse_linear, inverse_quadratic : (3, 3), (9, 9) float
+        pseudo-inverse of Σ w f fᵀ (Müller et al. 2005, eq. 7 and section 4.3)
+    unspanned_linear, unspanned_quadratic : (3, 3), (9, 9) float
+        projection on the combinations of features that vanish on every particle
+    volume_form : (9, 9, 9) float
+        antisymmetric; the enclosed volume of the goal T f, relative to the rest volume, is
+        Σ T₀ᵢ T₁ⱼ T₂ₖ volume_formᵢⱼₖ. For an open surface it is the determinant of T's linear block
+
+    """
+
+    surface: Surface
+    centre: np.ndarray
+    scale: float
+    weights: np.ndarray
+    features: np.ndarray
+    weighted_features: np.ndarray
+    inverse_linear: np.ndarray
+    inverse_quadratic: np.ndarray
+    unspanned_linear: np.ndarray
+    unspanned_quadratic: np.ndarray
+    volume_form: np.ndarray
+
+    @property
+    def particle_count(self) -> int:
+        """Number of particles, n."""
+        return len(self.weights)
+
+
+def make_rest_shape(surface: Surface, dtype: type = np.float64) -> RestShape:
+    """
+    Return the constants of a surface, with the large arrays in `dtype`.
+
+    Raises
+    ------
+    MeshError
+        if all vertices coincide.
+
+    """
+    weights = _area_weights(surface)
+    centre = weights @ surface.vertices
+    offsets = surface.vertices - centre
+    scale = float(np.sqrt(weights @ np.einsum('ij,ij->i', offsets, offsets)))
+    if not scale > 0.0:
+        raise MeshError('all vertices of the surface coincide: a body needs some extent')
+    x, y, z = offsets.T / scale
+    features = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
+    features[1:] -= (features[1:] @ weights)[:, None]
+    gram = (features[1:] * weights) @ features[1:].T
+    inverse_linear, unspanned_linear = _pseudo_inverse(gram[:LINEAR, :LINEAR])
+    inverse_quadratic, unspanned_quadratic = _pseudo_inverse(gram)
+    return RestShape(
+        surface=surface,
+        centre=centre,
+        scale=scale,
+        weights=weights.astype(dtype),
+        features=features.astype(dtype),
+        weighted_features=(weights * features).astype(dtype),
+        inverse_linear=inverse_linear,
+        inverse_quadratic=inverse_quadratic,
+        unspanned_linear=unspanned_linear,
+        unspanned_quadratic=unspanned_quadratic,
+        volume_form=_volume_form(surface, features[1:]),
+    )
+
+
+def _area_weights(surface: Surface) -> np.ndarray:
+    """Return each vertex's share of the area, so that no result depends on the tessellation."""
+    count = len(surface.vertices)
+    if not len(surface.faces):
+        return np.full(count, 1 / count)
+    a, b, c = surface.vertices[surface.faces.T]
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    shares = np.bincount(surface.faces.ravel(), np.repeat(areas, 3), minlength=count)
+    total = shares.sum()
+    return shares / total if total > 0.0 else np.full(count, 1 / count)
+
+
+def _pseudo_inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pseudo-inverse of a symmetric matrix and the projection on its null space."""
+    values, vectors = np.linalg.eigh(gram)
+    spanned = values > RANK_CUT * values[-1]
+    basis = vectors[:, spanned]
+    inverse = (basis / values[spanned]) @ basis.T
+    return inverse, np.eye(len(gram)) - basis @ basis.T
+
+
+def _volume_form(surface: Surface, features: np.ndarray) -> np.ndarray:
+    """
+    Return the coefficients of the volume as a cubic form (divergence theorem).
+
+    6 V = Σ_faces det(g_a g_b g_c) with g = T f is Σᵢⱼₖ det(Tᵢ Tⱼ Tₖ) Σ_faces f_aᵢ f_bⱼ f_cₖ.
+    """
+    moments = np.zeros((QUADRATIC,) * 3)
+    if surface.closed:
+        for start in range(0, len(surface.faces), FACE_BLOCK):
+            a, b, c = (features[:, corner] for corner in surface.faces[start:][:FACE_BLOCK].T)
+            products = (b[:, None] * c).reshape(QUADRATIC**2, -1)
+            moments += (a @ products.T).reshape(moments.shape)
+    form = _antisymmetric(moments)
+    if not surface.closed or form[0, 1, 2] < RANK_CUT:
+        moments[:] = 0.0
+        moments[0, 1, 2] = 1.0
+        form = _antisymmetric(moments)
+    return form / form[0, 1, 2]
+
+
+def _antisymmetric(moments: np.ndarray) -> np.ndarray:
+    total = np.zeros_like(moments)
+    for order in permutations(range(3)):
+        sign = round(np.linalg.det(np.eye(3)[list(order)]))
+        total += sign * moments.transpose(order)
+    return total

@@ -1,0 +1,314 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The world: bodies and obstacles under gravity, stepped, saved, restored and reconfigured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from softbody_ros.core import contact, dynamics, matching
+from softbody_ros.core.config import BodyConfig, ConfigError, WorldConfig, settings, unknown_name
+from softbody_ros.core.contact import Obstacle
+from softbody_ros.core.dynamics import Batch, Gains, SimulationError
+from softbody_ros.core.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.rest_shape import RestShape, make_rest_shape
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A copy of the state: restoring it continues bit by bit as before."""
+
+    tick: int
+    x: tuple[np.ndarray, ...]
+    v: tuple[np.ndarray, ...]
+    obstacles: tuple[Obstacle, ...]
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """
+    The rigid motion that comes nearest to a deformed body.
+
+    Attributes
+    ----------
+    position : (3,) float
+        of the origin of the body's own frame, m
+    rotation : (3, 3) float
+        from the body's own frame to the world
+    linear_velocity : (3,) float
+        of that origin, m/s, world axes
+    angular_velocity : (3,) float
+        rad/s, world axes
+    displacement : (n,) float
+        distance of each particle from the rest shape at this pose, m
+
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    linear_velocity: np.ndarray
+    angular_velocity: np.ndarray
+    displacement: np.ndarray
+
+
+class World:
+    """
+    Bodies, obstacles and gravity at one tick.
+
+    >>> world = World(WorldConfig())
+    >>> world.step(240)
+    >>> world.positions('ball').shape
+    (642, 3)
+
+    Parameters
+    ----------
+    config : WorldConfig
+    dtype : numpy float type
+        of positions and velocities
+
+    Raises
+    ------
+    ConfigError, MeshError
+        with one sentence that says what to change.
+
+    """
+
+    def __init__(self, config: WorldConfig, dtype: type = np.float64) -> None:
+        self.config = config
+        self.tick = 0
+        self._dtype = dtype
+        self._obstacles = tuple(contact.placed(obstacle) for obstacle in config.obstacles)
+        self._members = _members_by_shape(config.bodies)
+        self._place = {
+            name: (batch, row)
+            for batch, members in enumerate(self._members)
+            for row, name in enumerate(members)
+        }
+        self._rests = [
+            _rest_shape_of(self.body_config(names[0]), dtype) for names in self._members
+        ]
+        self._batches: list[Batch] = []
+        self._gains: list[Gains] = []
+        self._update_gains()
+        self.reset()
+
+    # ------------------------------------------------------------------------------------- time
+    @property
+    def time(self) -> float:
+        """Simulated seconds since the start."""
+        return self.tick * self.config.time_step
+
+    def step(self, ticks: int = 1) -> None:
+        """
+        Advance by whole ticks.
+
+        Raises
+        ------
+        SimulationError
+            if a number would not be finite; the state is that of the last good tick.
+
+        """
+        gravity, h = self.config.gravity, self.config.time_step
+        for _ in range(ticks):
+            obstacles = tuple(contact.moved(obstacle, h) for obstacle in self._obstacles)
+            for batch, gains, names in zip(self._batches, self._gains, self._members, strict=True):
+                try:
+                    with np.errstate(over='ignore', invalid='ignore'):
+                        dynamics.step(batch, gains, gravity, obstacles, h)
+                except (SimulationError, np.linalg.LinAlgError) as error:
+                    raise SimulationError(
+                        f'tick {self.tick + 1} of {", ".join(names)} cannot be computed '
+                        f'({error}): the state stays at tick {self.tick}, reset it or lower '
+                        'the velocities'
+                    ) from error
+            for batch in self._batches:
+                batch.swap()
+            self._obstacles = obstacles
+            self.tick += 1
+
+    # ------------------------------------------------------------------------------------ state
+    def reset(self) -> None:
+        """Return to tick 0: rest shapes at their start poses, initial velocities."""
+        self.tick = 0
+        self._obstacles = tuple(contact.placed(item.config) for item in self._obstacles)
+        self._batches = []
+        for names, rest in zip(self._members, self._rests, strict=True):
+            x = np.stack([_start_positions(self.body_config(name), rest) for name in names])
+            x = x.astype(self._dtype)
+            self._batches.append(Batch(rest, x, np.zeros_like(x)))
+        self.apply_initial_velocity()
+
+    def apply_initial_velocity(self) -> None:
+        """Give each body its initial velocity, rigidly about its centre; the shape stays."""
+        for name in self._place:
+            batch, row = self._state(name)
+            config = self.body_config(name)
+            centre = batch.x[row] @ batch.rest.weights
+            arms = batch.x[row] - centre[:, None]
+            spin = np.cross(config.initial_velocity_angular, arms, axisb=0, axisc=0)
+            batch.v[row] = np.array(config.initial_velocity_linear)[:, None] + spin
+
+    def snapshot(self) -> Snapshot:
+        """Return a copy of the state."""
+        return Snapshot(
+            self.tick,
+            tuple(batch.x.copy() for batch in self._batches),
+            tuple(batch.v.copy() for batch in self._batches),
+            self._obstacles,
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Return to the state of a snapshot of this world."""
+        self.tick = snapshot.tick
+        self._obstacles = snapshot.obstacles
+        for batch, x, v in zip(self._batches, snapshot.x, snapshot.v, strict=True):
+            batch.x[:], batch.v[:] = x, v
+
+    # ----------------------------------------------------------------------------------- config
+    def configure(self, config: WorldConfig) -> None:
+        """
+        Use other parameters from the next tick on; positions and velocities stay.
+
+        An obstacle whose pose differs from the old config's is put there; start poses and initial
+        velocities of bodies wait for `reset` and `apply_initial_velocity`.
+
+        Raises
+        ------
+        ConfigError
+            if a read-only setting differs; nothing has changed then.
+
+        """
+        _require_same_structure(self.config, config)
+        self._obstacles = tuple(
+            _reconfigured(current, new)
+            for current, new in zip(self._obstacles, config.obstacles, strict=True)
+        )
+        self.config = config
+        self._update_gains()
+
+    def body_config(self, name: str) -> BodyConfig:
+        """Return the config of a body."""
+        for body in self.config.bodies:
+            if body.name == name:
+                return body
+        names = [body.name for body in self.config.bodies]
+        raise ConfigError(f'there is no body {name!r}: {unknown_name(name, names)}')
+
+    def _update_gains(self) -> None:
+        config = self.config
+        self._gains = [
+            dynamics.make_gains(
+                [self.body_config(name) for name in names],
+                config.time_step,
+                config.reference_step,
+            )
+            for names in self._members
+        ]
+
+    # ---------------------------------------------------------------------------------- queries
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the bodies, in the order of the config."""
+        return tuple(body.name for body in self.config.bodies)
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """The obstacles where they are now."""
+        return self._obstacles
+
+    def rest_shape(self, name: str) -> RestShape:
+        """Return the rest shape of a body."""
+        return self._state(name)[0].rest
+
+    def positions(self, name: str) -> np.ndarray:
+        """Return (n, 3) float: a copy of the positions, m."""
+        batch, row = self._state(name)
+        return batch.x[row].T.copy()
+
+    def velocities(self, name: str) -> np.ndarray:
+        """Return (n, 3) float: a copy of the velocities, m/s."""
+        batch, row = self._state(name)
+        return batch.v[row].T.copy()
+
+    def rigid_fit(self, name: str) -> RigidFit:
+        """Return the rigid motion nearest to a body, and how far each particle is from it."""
+        batch, row = self._state(name)
+        rest, x, v = batch.rest, batch.x[row : row + 1], batch.v[row : row + 1]
+        centre, moment = matching.moments(x, rest, 3)
+        rotations = matching.rotation(moment)
+        goal = matching.goals(centre, rotations, rest)
+        spin = dynamics.angular_momentum(x, v, centre, rest)
+        omega = dynamics.angular_velocity(spin, dynamics.inertia(x, centre, rest), rest)[0]
+        to_origin = -rotations[0] @ rest.centre
+        return RigidFit(
+            position=centre[0] + to_origin,
+            rotation=rotations[0],
+            linear_velocity=v[0] @ rest.weights + np.cross(omega, to_origin),
+            angular_velocity=omega,
+            displacement=np.linalg.norm(x[0] - goal[0], axis=0),
+        )
+
+    def _state(self, name: str) -> tuple[Batch, int]:
+        if name not in self._place:
+            raise ConfigError(f'there is no body {name!r}: {unknown_name(name, self.names)}')
+        batch, row = self._place[name]
+        return self._batches[batch], row
+
+
+def _members_by_shape(bodies: tuple[BodyConfig, ...]) -> list[list[str]]:
+    """Return the names of the bodies, grouped by rest shape: each group is stepped as one."""
+    groups: dict[tuple, list[str]] = {}
+    for body in bodies:
+        shape: tuple = (body.mesh, body.size, body.subdivisions)
+        if isinstance(body.mesh, Surface):
+            shape = (id(body.mesh),)
+        groups.setdefault(shape, []).append(body.name)
+    return list(groups.values())
+
+
+def _rest_shape_of(body: BodyConfig, dtype: type) -> RestShape:
+    try:
+        surface = body.mesh
+        if not isinstance(surface, Surface):
+            surface = make_surface(surface, body.size, body.subdivisions)
+        return make_rest_shape(surface, dtype)
+    except MeshError as error:
+        raise MeshError(f'{body.prefix}{error}') from None
+
+
+def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
+    """Return (3, n) float: the rest shape at the start pose, m."""
+    rotation = Rotation.from_quat(body.orientation).as_matrix()
+    return rotation @ rest.surface.vertices.T + np.array(body.position)[:, None]
+
+
+def _reconfigured(current: Obstacle, config: object) -> Obstacle:
+    target = contact.placed(config)  # type: ignore[arg-type]
+    same_pose = (
+        current.config.position == target.config.position
+        and current.config.orientation == target.config.orientation
+    )
+    if same_pose:
+        return Obstacle(target.config, current.position, current.rotation)
+    return target
+
+
+def _require_same_structure(old: WorldConfig, new: WorldConfig) -> None:
+    def read_only(config: WorldConfig) -> Mapping[str, object]:
+        values: dict[str, object] = {}
+        for part in (config, *config.bodies, *config.obstacles):
+            for field, dotted, facts in settings(part):
+                if facts.read_only:
+                    values[part.prefix + dotted] = getattr(part, field)
+        return values
+
+    before, after = read_only(old), read_only(new)
+    if list(before) != list(after):
+        raise ConfigError('bodies and obstacles cannot be added or removed: make a new World')
+    for name, value in before.items():
+        if value is not after[name] and value != after[name]:
+            raise ConfigError(f'{name} is {value!r} and cannot change: make a new World')
