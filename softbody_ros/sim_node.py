@@ -1,0 +1,419 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The ROS 2 node: parameters in, the stepped world out as clouds, markers and odometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
+import numpy as np
+from rcl_interfaces.msg import SetParametersResult
+import rclpy
+from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker
+
+from softbody_ros import messages, parameters
+from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
+from softbody_ros.core.config import unknown_name
+from softbody_ros.core.dynamics import damping_ratio, natural_frequency
+from softbody_ros.stepping import Stepper
+
+SHORTEST_PERIOD = 0.004
+"""Seconds between two looks at the clock, at the least: a look costs rclpy about 0.1 ms."""
+FOREIGN_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+
+USAGE = """usage: sim_node [--ros-args [-p NAME:=VALUE] [--params-file FILE] ...]
+
+Simulates soft bodies and publishes them. Without arguments: a ball that drops on a plane.
+Parameters, topics and services: see the README, or `ros2 param describe /softbody_sim NAME`.
+"""
+
+
+class SimNode(Node):
+    """
+    Wires parameters, clock, world and messages together; holds no physics.
+
+    Raises
+    ------
+    ConfigError, MeshError
+        if the parameters do not describe a scene; with one sentence that says why.
+
+    """
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__('softbody_sim', **node_arguments)
+        self._values = self._override_values()
+        self._scene = parameters.make_scene(self._values)
+        self._world = World(self._scene.world)
+        self._stepper = Stepper(self._world, self._rates())
+        self._stepper.time_scale = self._scene.node.time_scale
+        self._failure = ''
+        self._jumped_back = self._clock_changed = False
+        self._publish_seconds = 0.0
+
+        self._declare_parameters()
+        self._create_publishers()
+        self._create_services()
+        self._publish_rest_mesh()
+        self._start_clocks()
+        self._announce()
+
+    # -------------------------------------------------------------------------------- parameters
+    def _override_values(self) -> dict[str, Any]:
+        """Return the values from YAML files and the command line that are this node's."""
+        # rclpy offers no public way to see overrides of parameters that are not declared
+        overrides = {name: item.value for name, item in self._parameter_overrides.items()}
+        lists = parameters.scene_lists(overrides)
+        known = parameters.table(lists)
+        own_prefixes = {'gravity', *lists.bodies, *lists.obstacles}
+        values = {}
+        for name, value in overrides.items():
+            first = name.split('.')[0]
+            if name in known or first in own_prefixes:
+                facts = known.get(name)
+                values[name] = parameters.promoted(value, facts) if facts else value
+            elif first not in FOREIGN_PREFIXES:
+                hint = unknown_name(name, list(known))
+                self.get_logger().warning(f'parameter {name} is unknown and ignored: {hint}')
+        return values
+
+    def _declare_parameters(self) -> None:
+        lists = parameters.scene_lists(self._values)
+        self._known = parameters.table(lists)
+        self._values |= {'bodies': lists.bodies, 'obstacles': lists.obstacles}
+        for name, facts in self._known.items():
+            value = parameters.as_parameter(self._values.get(name, facts.default))
+            self._values[name] = value
+            self.declare_parameter(name, value, parameters.descriptor(facts), ignore_override=True)
+        self.add_pre_set_parameters_callback(self._promote_integers)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._use_parameters)
+
+    def _promote_integers(self, proposed: list[Parameter]) -> list[Parameter]:
+        return [
+            Parameter(item.name, value=parameters.promoted(item.value, self._known[item.name]))
+            if item.name in self._known
+            else item
+            for item in proposed
+        ]
+
+    def _proposed_values(self, proposed: list[Parameter]) -> dict[str, Any]:
+        own = {item.name: item.value for item in proposed if item.name in self._known}
+        return self._values | own
+
+    def _check_parameters(self, proposed: list[Parameter]) -> SetParametersResult:
+        try:
+            parameters.make_scene(self._proposed_values(proposed))
+        except (ConfigError, MeshError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _use_parameters(self, accepted: list[Parameter]) -> None:
+        self._values = self._proposed_values(accepted)
+        self._scene = parameters.make_scene(self._values)
+        self._world.configure(self._scene.world)
+        self._stepper.set_time_scale(self._scene.node.time_scale, self._now())
+        self._stepper.rates = self._rates()
+
+    def _rates(self) -> dict[str, float]:
+        return {'points': self._scene.node.points_rate, 'mesh': self._scene.node.mesh_rate}
+
+    # -------------------------------------------------------------------------------- interfaces
+    def _create_publishers(self) -> None:
+        def publisher(kind: type, topic: str, depth: int) -> Publisher:
+            events = PublisherEventCallbacks(matched=self._welcome)
+            return self.create_publisher(kind, topic, depth, event_callbacks=events)
+
+        bodies = len(self._world.names)
+        self._points = publisher(PointCloud2, '~/points', 10)
+        # one message per body and frame: a shallower queue would cut frames
+        self._mesh = publisher(Marker, '~/mesh', max(10, 2 * bodies))
+        self._odometry = publisher(Odometry, '~/odometry', max(10, 2 * bodies))
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', latched)
+
+    def _create_services(self) -> None:
+        self.create_service(Trigger, '~/reset', self._reset)
+        self.create_service(Trigger, '~/apply_initial_velocity', self._apply_initial_velocity)
+        self.create_service(SetBool, '~/pause', self._pause)
+        self.create_service(Trigger, '~/step', self._step)
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._stepper.reset(self._now())
+        if self._failure:
+            self._failure = ''
+            self._stepper.pause(False, self._now())
+        response.success, response.message = True, 'the bodies are back at their start'
+        return response
+
+    def _apply_initial_velocity(
+        self, _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        self._world.apply_initial_velocity()
+        response.success, response.message = True, 'the bodies have their initial velocities'
+        return response
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if self._failure and not request.data:
+            response.success = False
+            response.message = f'the simulation has stopped ({self._failure}): call ~/reset'
+            return response
+        self._stepper.pause(request.data, self._now())
+        state = 'paused' if request.data else 'running'
+        response.success, response.message = True, f'{state} at tick {self._world.tick}'
+        return response
+
+    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._stepper.paused:
+            response.success = False
+            response.message = 'the simulation is running: call ~/pause with data true first'
+            return response
+        try:
+            self._stepper.single_step(self._scene.node.step_count, self._now())
+        except SimulationError as error:
+            self._stop(error)
+        response.success = not self._failure
+        response.message = self._failure or f'now at tick {self._world.tick}'
+        return response
+
+    # -------------------------------------------------------------------------------------- time
+    def _start_clocks(self) -> None:
+        self._counted = _Counters(time.perf_counter(), 0, 0.0, 0.0, 0.0)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        # one timer for both drivers: it looks at the node's clock, wall or /clock
+        period = max(self._world.config.time_step, SHORTEST_PERIOD)
+        self.create_timer(period, self._drive, clock=steady)
+        self.create_timer(1.0, self._report, clock=steady)
+        threshold = JumpThreshold(
+            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
+        )
+        # C keeps only a pointer to the handle
+        self._jump_handle = self.get_clock().create_jump_callback(
+            threshold, post_callback=self._on_jump
+        )
+
+    def _on_jump(self, jump: Any) -> None:
+        # called in the middle of setting the clock: only take note
+        if jump['clock_change'] in (
+            ClockChange.ROS_TIME_ACTIVATED,
+            ClockChange.ROS_TIME_DEACTIVATED,
+        ):
+            self._clock_changed = True
+        else:
+            self._jumped_back = True
+
+    def _now(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+    def _follows_clock(self) -> bool:
+        clock = self.get_clock()
+        return isinstance(clock, ROSClock) and clock.ros_time_is_active
+
+    def _waits_for_clock(self) -> bool:
+        return self._follows_clock() and self._now() == 0
+
+    def _drive(self) -> None:
+        if self._waits_for_clock():
+            return
+        now, follows_clock = self._now(), self._follows_clock()
+        if self._clock_changed:
+            self._stepper.switch_clock(now)
+        elif self._jumped_back and follows_clock:
+            self.get_logger().info('/clock went back: simulating again from the start')
+            self._stepper.rewind(now)
+        elif not follows_clock and self._stepper.lag(now) < 0.0:
+            self._stepper.reanchor(now)  # somebody set the system's clock back
+        self._clock_changed = self._jumped_back = False
+        try:
+            for outputs in self._stepper.advance(now, drop_overload=not follows_clock):
+                self._publish(outputs)
+        except SimulationError as error:
+            self._stop(error)
+
+    def _stop(self, error: SimulationError) -> None:
+        """Keep the last good state, say why, and wait for ~/reset."""
+        self._failure = str(error)
+        self.get_logger().error(f'{error}; call ~/reset to go on')
+        self._stepper.pause(True, self._now())
+
+    # ----------------------------------------------------------------------------------- outputs
+    def _welcome(self, _: object) -> None:
+        """Show the state to a new subscriber at once, where it might wait for long."""
+        if self._stepper.paused or self._follows_clock():
+            self._stepper.publish_now()
+
+    def _publish(self, outputs: set[str]) -> None:
+        """Publish what is due; nothing is packed for a topic without subscribers."""
+        begin = time.perf_counter()
+        stamp = self._stepper.time_of(self._world.tick)
+        fit = cache(self._world.rigid_fit)
+        positions = cache(self._world.positions)
+        if 'points' in outputs and self._points.get_subscription_count():
+            self._publish_points(stamp, positions, fit)
+        if 'points' in outputs and self._odometry.get_subscription_count():
+            for name in self._world.names:
+                self._odometry.publish(messages.odometry(stamp, self._frame_id, name, fit(name)))
+        if 'mesh' in outputs and self._mesh.get_subscription_count():
+            self._publish_mesh(stamp, positions)
+        self._publish_seconds += time.perf_counter() - begin
+
+    def _publish_points(
+        self,
+        stamp: int,
+        positions: Callable[[str], np.ndarray],
+        fit: Callable[[str], RigidFit],
+    ) -> None:
+        bodies = [(positions(name), fit(name).displacement) for name in self._world.names]
+        records = messages.points_array(bodies)
+        self._points.publish(messages.serialized_cloud(stamp, self._frame_id, records))
+
+    def _publish_mesh(self, stamp: int, positions: Callable[[str], np.ndarray]) -> None:
+        for name in self._world.names:
+            faces = self._world.rest_shape(name).surface.faces
+            corners = positions(name)[faces.reshape(-1)]
+            color = self._scene.appearances[name].color
+            self._mesh.publish(
+                messages.serialized_marker(stamp, self._frame_id, name, color, corners)
+            )
+
+    def _publish_rest_mesh(self) -> None:
+        vertices, faces, first = [], [], 0
+        for name in self._world.names:
+            vertices.append(self._world.positions(name))
+            faces.append(self._world.rest_shape(name).surface.faces + first)
+            first += len(vertices[-1])
+        self._rest_mesh.publish(
+            messages.serialized_mesh(np.concatenate(vertices), np.concatenate(faces))
+        )
+
+    @property
+    def _frame_id(self) -> str:
+        return self._scene.node.frame_id
+
+    # ------------------------------------------------------------------------------- diagnostics
+    def _state(self) -> tuple[bytes, str]:
+        if self._failure:
+            return DiagnosticStatus.ERROR, f'stopped: {self._failure}'
+        if self._waits_for_clock():
+            return DiagnosticStatus.WARN, 'waiting for /clock'
+        if self._stepper.paused:
+            return DiagnosticStatus.OK, 'paused'
+        return DiagnosticStatus.OK, 'running'
+
+    def _report(self) -> None:
+        """Publish the diagnostics of the second since the last report."""
+        now = _Counters(
+            time.perf_counter(),
+            self._world.tick,
+            self._stepper.busy,
+            self._publish_seconds,
+            self._stepper.dropped,
+        )
+        last, self._counted = self._counted, now
+        level, summary = self._state()
+        if self._waits_for_clock():
+            self.get_logger().warning(
+                'use_sim_time is true, but nothing is received on /clock: start its publisher, '
+                'or set use_sim_time to false',
+                throttle_duration_sec=10.0,
+            )
+        seconds = now.wall - last.wall
+        ticks = max(now.tick - last.tick, 0)
+        dropped = now.dropped - last.dropped
+        if dropped > 0.0:
+            level = max(level, DiagnosticStatus.WARN)
+            summary += f', too slow: {dropped / seconds:.0%} of the time dropped'
+        values = {
+            'real-time factor': f'{ticks * self._world.config.time_step / seconds:.3f}',
+            'step time (ms)': f'{1e3 * (now.busy - last.busy) / max(ticks, 1):.3f}',
+            'publish time (ms/s)': f'{1e3 * (now.publishing - last.publishing) / seconds:.3f}',
+            'dropped time (s)': f'{now.dropped:.3f}',
+            'lag behind the clock (s)': f'{self._stepper.lag(self._now()):.3f}',
+            'tick': str(now.tick),
+            'simulated time (s)': f'{self._world.time:.3f}',
+        }
+        for body in self._world.config.bodies:
+            omega = natural_frequency(body.stiffness, self._world.config.reference_step)
+            values[f'{body.name} frequency (Hz)'] = f'{omega / (2 * np.pi):.3f}'
+            values[f'{body.name} damping ratio'] = f'{damping_ratio(body.bounciness):.3f}'
+        self._diagnostics.publish(
+            messages.diagnostics(
+                self._now(), self.get_fully_qualified_name(), level, summary, values
+            )
+        )
+
+    def _announce(self) -> None:
+        bodies = ', '.join(
+            f'{name} ({self._world.rest_shape(name).particle_count} vertices)'
+            for name in self._world.names
+        )
+        clock = '/clock' if self._follows_clock() else 'wall time'
+        self.get_logger().info(f'simulating {bodies} on {clock}')
+        self.get_logger().info(f'see {self._points.topic_name}, {self._mesh.topic_name}')
+
+
+@dataclass(frozen=True)
+class _Counters:
+    """What the diagnostics compare with the report before."""
+
+    wall: float
+    tick: int
+    busy: float
+    publishing: float
+    dropped: float
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; a scene that cannot be is one sentence and exit 1."""
+    arguments = sys.argv[1:] if args is None else args
+    if '-h' in arguments or '--help' in arguments:
+        print(USAGE)
+        return 0
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        return _refuse(error)
+    try:
+        node = SimNode()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (ConfigError, MeshError, ParameterException) as error:
+        return _refuse(error)
+    except RuntimeError:
+        # a signal that arrives in the middle of a callback takes the context away from it
+        if rclpy.ok():
+            raise
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _refuse(error: Exception) -> int:
+    print('softbody_sim:', ' '.join(str(error).split()), file=sys.stderr)
+    return 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Shapes, worlds and measurements that several core tests use."""
+
+from importlib.resources import files
+
+import numpy as np
+import trimesh
+
+from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
+
+
+def cad_mesh(name):
+    """Return the path of a real part's STL: it has not been made for these tests."""
+    return str(files('cookie_description') / 'meshes' / f'{name}.stl')
+
+
+def sheared_box():
+    """Return a closed surface without any symmetry, its centre of mass off its origin."""
+    surface = make_surface('box', 0.5, 2)
+    shear = np.array([[1.0, 0.4, -0.2], [0.0, 0.7, 0.3], [0.1, 0.0, 1.3]])
+    vertices = surface.vertices @ shear.T
+    return Surface(vertices + 0.1 * vertices**2 + (0.2, -0.1, 0.3), surface.faces)
+
+
+def sheet():
+    """Return a flat square of 25 particles in the plane z = 0."""
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 5))
+    vertices = np.stack([x.ravel(), y.ravel(), np.zeros(25)], axis=1)
+    corner = np.array([row * 5 + column for row in range(4) for column in range(4)])
+    lower = np.stack([corner, corner + 1, corner + 6], axis=1)
+    upper = np.stack([corner, corner + 6, corner + 5], axis=1)
+    return Surface(vertices, np.vstack([lower, upper]))
+
+
+def cloud(points):
+    """Return particles without faces."""
+    return Surface(np.array(points, dtype=float), np.empty((0, 3), dtype=int))
+
+
+def rank_deficient_shapes():
+    """Return named shapes that do not span all features."""
+    random = np.random.default_rng(5)
+    return {
+        'sheet': sheet(),
+        'rod': cloud(np.linspace((-0.5, 0.0, 0.2), (0.5, 0.3, 0.4), 9)),
+        'two points': cloud([(0.0, 0.0, 0.0), (1.0, 0.5, 0.0)]),
+        'triangle': Surface(np.eye(3), np.array([(0, 1, 2)])),
+        'tetrahedron': Surface(
+            np.vstack([np.zeros(3), np.eye(3)]),
+            np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]),
+        ),
+        'box of 8 vertices': make_surface('box', 0.5, 0),
+        'icosphere of 12 vertices': make_surface('icosphere', 0.5, 0),
+        'cloud': cloud(random.normal(size=(40, 3))),
+    }
+
+
+def floating(*bodies, h=1 / 120, reference_step=1 / 120, gravity=0.0, dtype=np.float64):
+    """Return a world of bodies without obstacles."""
+    config = WorldConfig(
+        time_step=h,
+        reference_step=reference_step,
+        gravity_magnitude=gravity,
+        bodies=bodies,
+        obstacles=(),
+    )
+    return World(config, dtype)
+
+
+def body(mesh='icosphere', **values):
+    """Return a body at the origin, by default of 42 vertices: enough for the physics."""
+    return BodyConfig(**{'mesh': mesh, 'subdivisions': 1, 'position': (0.0, 0.0, 0.0)} | values)
+
+
+def put(world, name, positions=None, velocities=None):
+    """Overwrite positions or velocities (n, 3) of a body, by way of a snapshot."""
+    snapshot = world.snapshot()
+    batch, row = world._place[name]
+    if positions is not None:
+        snapshot.x[batch][row] = np.asarray(positions).T
+    if velocities is not None:
+        snapshot.v[batch][row] = np.asarray(velocities).T
+    world.restore(snapshot)
+
+
+def bytes_of(world):
+    """Return the whole state of the bodies as bytes."""
+    return b''.join(
+        world.positions(name).tobytes() + world.velocities(name).tobytes() for name in world.names
+    )
+
+
+def centre(world, name='body'):
+    """Return the centre of mass, (3,)."""
+    return world.rest_shape(name).weights @ world.positions(name)
+
+
+def momentum(world, name='body'):
+    """Return the mean velocity, (3,)."""
+    return world.rest_shape(name).weights @ world.velocities(name)
+
+
+def angular_momentum(world, name='body'):
+    """Return Σ w (x − centre) × v, (3,)."""
+    arms = world.positions(name) - centre(world, name)
+    return world.rest_shape(name).weights @ np.cross(arms, world.velocities(name))
+
+
+def rms_displacement(world, name='body'):
+    """Return the weighted RMS distance from the best rigid pose, relative to the RMS radius."""
+    rest = world.rest_shape(name)
+    displacement = world.rigid_fit(name).displacement
+    return np.sqrt(rest.weights @ displacement**2) / rest.scale
+
+
+def enclosed_volume(vertices, faces):
+    """Return the volume by the divergence theorem, m³."""
+    return float(trimesh.Trimesh(vertices, faces, process=False).volume)
+
+
+def random_rotation(seed):
+    """Return a (3, 3) rotation matrix."""
+    return trimesh.transformations.random_rotation_matrix(
+        np.random.default_rng(seed).uniform(size=3)
+    )[:3, :3]
