@@ -166,7 +166,7 @@ def mesh_path(mesh: str) -> str:
     package, _, path = mesh.removeprefix('package://').partition('/')
     try:
         return os.path.join(get_package_share_directory(package), path)
-    except (PackageNotFoundError, ValueError):
+    except (PackageNotFoundError, ValueError, OSError):
         raise ConfigError(
             f'mesh {mesh}: package {package!r} is not installed, or its workspace is not sourced'
         ) from None

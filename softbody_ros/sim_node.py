@@ -16,7 +16,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
-from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock
+from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
@@ -211,9 +211,9 @@ class SimNode(Node):
             threshold, post_callback=self._on_jump
         )
 
-    def _on_jump(self, jump: Any) -> None:
+    def _on_jump(self, jump: TimeJump) -> None:
         # called in the middle of setting the clock: only take note
-        if jump['clock_change'] in (
+        if jump.clock_change in (
             ClockChange.ROS_TIME_ACTIVATED,
             ClockChange.ROS_TIME_DEACTIVATED,
         ):

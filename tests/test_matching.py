@@ -4,7 +4,6 @@
 
 from core_helpers import (
     body,
-    bytes_of,
     cad_mesh,
     cloud,
     enclosed_volume,
@@ -335,4 +334,3 @@ def test_a_body_at_rest_stays_where_it_is():
         before = world.positions('body')
         world.step(500)
         assert np.abs(world.positions('body') - before).max() < 1e-11
-        assert bytes_of(world)

@@ -1,0 +1,584 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The step: the published scheme, step independence, conservation, stability, fall and bounce."""
+
+import dataclasses
+import itertools
+import math
+
+from core_helpers import (
+    angular_momentum,
+    body,
+    cad_mesh,
+    centre,
+    enclosed_volume,
+    floating,
+    momentum,
+    put,
+    random_rotation,
+    rank_deficient_shapes,
+    rms_displacement,
+    sheared_box,
+)
+import numpy as np
+import pytest
+
+from softbody_ros.core import BodyConfig, World, WorldConfig, make_surface
+from softbody_ros.core.dynamics import damping_ratio, natural_frequency, oscillator_gains
+
+MODES = ('rigid', 'linear', 'quadratic')
+SOFT = ('linear', 'quadratic')
+REFERENCE = 1 / 120
+
+
+def disturbed(world, name='body', seed=0, shape=0.1, speed=0.5):
+    """Turn and deform a body in ways that its mode knows and does not know; kick its particles."""
+    random = np.random.default_rng(seed)
+    rest = world.rest_shape(name)
+    transform = random_rotation(seed) @ (np.eye(3) + shape * random.normal(size=(3, 3)))
+    bend = shape * random.normal(size=(3, 6))
+    x = rest.scale * (transform @ rest.features[1:4] + bend @ rest.features[4:]).T
+    x += 0.3 * shape * rest.scale * random.normal(size=x.shape)
+    v = speed * rest.scale * random.normal(size=x.shape)
+    v += np.cross(speed * random.normal(size=3), x) + random.normal(size=3)
+    put(world, name, x + random.normal(size=3), v)
+
+
+# --------------------------------------------------------------------------- the published scheme
+class Published:
+    """
+    Müller et al. 2005 written down anew: v += α (g − x) / h + h f / m, then x += h v.
+
+    Least squares instead of moments, triangles instead of a cubic form for the volume.
+    """
+
+    def __init__(self, surface, mode, alpha, beta, volume_conservation, h, gravity):
+        a, b, c = surface.vertices[surface.faces.T]
+        share = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        self.w = np.zeros(len(surface.vertices))
+        for corner in surface.faces.T:
+            np.add.at(self.w, corner, share)
+        self.w /= self.w.sum()
+        self.faces, self.mode, self.alpha, self.beta = surface.faces, mode, alpha, beta
+        self.volume_conservation, self.h, self.gravity = volume_conservation, h, gravity
+        self.q = surface.vertices - self.w @ surface.vertices
+        x, y, z = self.q.T
+        self.f = self.q
+        if mode == 'quadratic':
+            products = np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
+            self.f = np.hstack([self.q, products - self.w @ products])
+        self.rest_volume = enclosed_volume(self.q, self.faces)
+
+    def goals(self, x):
+        middle = self.w @ x
+        p = x - middle
+        u, _, vt = np.linalg.svd((p * self.w[:, None]).T @ self.q)
+        R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        root = np.sqrt(self.w)[:, None]
+        fit = np.linalg.lstsq(root * self.f, root * p, rcond=None)[0].T
+        goal = self.beta * self.f @ fit.T + (1 - self.beta) * self.q @ R.T
+        shrink = np.cbrt(self.rest_volume / enclosed_volume(goal, self.faces))
+        return middle + (1 + self.volume_conservation * (shrink - 1)) * goal
+
+    def pull(self, x):
+        return self.alpha * (self.goals(x) - x) / self.h
+
+    def step(self, x, v):
+        v = v + self.pull(x) + self.h * self.gravity
+        return x + self.h * v, v
+
+
+@pytest.mark.parametrize('volume_conservation', [0.0, 1.0])
+@pytest.mark.parametrize('beta', [0.0, 0.5, 0.9])
+@pytest.mark.parametrize('mode', SOFT)
+def test_without_damping_at_the_reference_step_it_is_the_published_scheme(
+    mode, beta, volume_conservation
+):
+    surface, gravity = sheared_box(), np.array([0.0, 0.0, -9.81])
+    config = body(
+        surface,
+        mode=mode,
+        stiffness=0.4,
+        bounciness=1.0,
+        deformation=beta,
+        volume_conservation=volume_conservation,
+    )
+    world = floating(config, h=REFERENCE, gravity=9.81)
+    published = Published(surface, mode, 0.4, beta, volume_conservation, REFERENCE, gravity)
+    disturbed(world, seed=3, shape=0.05, speed=0.3)
+    x, v = world.positions('body'), world.velocities('body')
+    # the velocities of the two are staggered by one correction
+    put(world, 'body', velocities=v + published.pull(x))
+    size = np.abs(published.q).max()
+    for _ in range(200):
+        world.step()
+        x, v = published.step(x, v)
+        assert np.abs(world.positions('body') - x).max() < 1e-10 * size
+    assert np.abs(x - published.goals(x)).max() > 0.01 * size
+
+
+# ------------------------------------------------------------------------------ step independence
+STRETCH = np.diag([1.0, -0.5, -0.5])
+
+
+def history(config, h, deviation, seconds=0.5):
+    """
+    Return the amplitude of a small deviation from the rest shape over time.
+
+    Parameters
+    ----------
+    deviation : callable
+        from rest positions (n, 3) about the centre to displacements (n, 3)
+
+    """
+    world = floating(config, h=h, reference_step=REFERENCE)
+    rest = world.rest_shape('body')
+    q = world.positions('body') - centre(world)
+    shape = deviation(q)
+    put(world, 'body', q + 1e-4 * shape)
+    amplitudes = [1.0]
+    for _ in range(round(seconds / h)):
+        world.step()
+        offset = world.positions('body') - q
+        projection = np.einsum('n,ni,ni->', rest.weights, offset, shape)
+        amplitudes.append(projection / np.einsum('n,ni,ni->', rest.weights, shape, shape) / 1e-4)
+    return np.array(amplitudes)
+
+
+def frequency_and_decay(amplitudes, h):
+    """Return ω√(1−ζ²) and ζω, 1/s, of the best damped sinusoid through the samples."""
+    table = np.stack([amplitudes[1:-1], amplitudes[:-2]], axis=1)
+    trace, minus_square = np.linalg.lstsq(table, amplitudes[2:], rcond=None)[0]
+    eigenvalue = (trace + np.sqrt(complex(trace**2 + 4 * minus_square))) / 2
+    rate = np.log(eigenvalue) / h
+    return abs(rate.imag), -rate.real
+
+
+def stretch(q):
+    return q @ STRETCH
+
+
+def breathing(q):
+    return q
+
+
+def wrinkle(q):
+    """Return the part of a fine pattern that no quadratic goal follows."""
+    x, y, z = (q / np.abs(q).max()).T
+    pattern = np.stack([x * y * z, x**3 * y, y**2 * z**2 * x], axis=1)
+    ones = np.ones_like(x)
+    known = np.stack([ones, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
+    return pattern - known @ np.linalg.lstsq(known, pattern, rcond=None)[0]
+
+
+@pytest.mark.parametrize(
+    ('deviation', 'followed', 'volume_conservation'),
+    [
+        (stretch, True, 0.0),
+        (stretch, True, 1.0),
+        (breathing, True, 0.0),
+        (breathing, False, 1.0),
+        (wrinkle, False, 1.0),
+    ],
+)
+@pytest.mark.parametrize('mode', SOFT)
+@pytest.mark.parametrize(
+    ('stiffness', 'bounciness', 'beta'),
+    [(0.5, 0.5, 0.5), (0.1, 0.9, 0.3), (0.9, 0.2, 0.8), (0.5, 1.0, 0.0)],
+)
+def test_frequency_and_decay_are_those_of_the_parameters_at_any_step(
+    mode, deviation, followed, volume_conservation, stiffness, bounciness, beta
+):
+    config = body(
+        'box',
+        subdivisions=2,
+        mode=mode,
+        stiffness=stiffness,
+        bounciness=bounciness,
+        deformation=beta,
+        volume_conservation=volume_conservation,
+    )
+    felt = (1 - beta) * stiffness if followed else stiffness
+    omega = math.acos(1 - felt / 2) / REFERENCE
+    zeta = -math.log(bounciness) / math.hypot(math.pi, math.log(bounciness))
+    for h in (1 / 60, 1 / 240, 1 / 960):
+        amplitudes = history(config, h, deviation, seconds=max(0.1, 3 / (zeta * omega + 10)))
+        frequency, decay = frequency_and_decay(amplitudes, h)
+        assert frequency == pytest.approx(omega * math.sqrt(1 - zeta**2), rel=0.005)
+        assert decay == pytest.approx(omega * zeta, rel=0.005, abs=1e-3 * omega)
+
+
+@pytest.mark.parametrize('bounciness', [0.2, 0.5, 0.8])
+def test_each_swing_is_bounciness_times_the_one_before(bounciness):
+    config = body(mode='linear', stiffness=0.3, bounciness=bounciness, volume_conservation=0.0)
+    amplitudes = history(config, 1 / 2000, stretch)
+    turning = np.flatnonzero(np.diff(np.sign(np.diff(amplitudes)))) + 1
+    swings = np.abs(amplitudes[turning])
+    swings = swings[swings > 1e-3]
+    assert len(swings) >= 3
+    assert swings[1:] / swings[:-1] == pytest.approx(bounciness, rel=0.005)
+
+
+def test_without_bounciness_nothing_swings_over():
+    amplitudes = history(body(bounciness=0.0, mode='linear'), 1 / 960, stretch)
+    assert amplitudes.min() > -1e-6
+    assert amplitudes[-1] < 1e-6
+
+
+@pytest.mark.parametrize('volume_conservation', [0.3, 0.5, 0.8])
+def test_partly_conserved_volume_breathes_alike_at_any_step(volume_conservation):
+    config = body(mode='linear', deformation=0.8, volume_conservation=volume_conservation)
+    found = [
+        frequency_and_decay(history(config, h, breathing, 0.1), h)
+        for h in (1 / 60, 1 / 240, 1 / 960)
+    ]
+    assert np.array(found) == pytest.approx(np.array([found[-1]] * 3), rel=0.005)
+
+
+def test_the_reference_step_is_where_stiffness_means_the_published_alpha():
+    for alpha in (0.01, 0.3, 1.0):
+        s, k = oscillator_gains(alpha, 1.0, 0.02, 0.02)
+        assert s == 0.0
+        assert k == pytest.approx(alpha, rel=1e-12)
+
+
+def test_small_steps_lose_no_digits():
+    s, k = oscillator_gains(1e-3, 0.5, 1e-5, 1.0)
+    omega, zeta = natural_frequency(1e-3, 1.0), damping_ratio(0.5)
+    assert s == pytest.approx(2 * zeta * omega * 1e-5, rel=1e-6)
+    assert k == pytest.approx((omega * 1e-5) ** 2, rel=1e-6)
+
+
+# -------------------------------------------------------------------------------------- stability
+GRID = (0.0, 1e-3, 0.1, 0.5, 0.9, 1.0)
+
+
+@pytest.mark.parametrize('h', [1e-5, 1 / 960, 1 / 120, 1 / 60, 0.1])
+def test_no_gain_amplifies_the_oscillator(h):
+    for stiffness, bounciness in itertools.product(GRID, GRID):
+        s, k = oscillator_gains(stiffness, bounciness, h, REFERENCE)
+        assert 0.0 <= s <= 1.0
+        assert 0.0 <= k <= 4.0
+        # y* = y + u, y = (1 − s) y*, u = u − k y*, with u = h v
+        step = np.array([[1 - s, 1 - s], [-k, 1 - k]])
+        trace, determinant = np.trace(step), np.linalg.det(step)
+        # both eigenvalues are in the unit circle (Jury's criterion, without the rounding of roots)
+        assert determinant <= 1 + 1e-12
+        assert abs(trace) <= 1 + determinant + 1e-12
+
+
+def energy(world, name):
+    """Return the kinetic plus the elastic energy per mass, as a measure of size only."""
+    w = world.rest_shape(name).weights
+    speed = world.velocities(name) - w @ world.velocities(name)
+    omega = natural_frequency(1.0, REFERENCE)
+    displacement = world.rigid_fit(name).displacement
+    return w @ np.sum(speed**2, axis=1) + omega**2 * w @ displacement**2
+
+
+@pytest.mark.parametrize('h', [1 / 960, 1 / 60, 0.1])
+def test_ten_thousand_ticks_add_no_energy(h):
+    bodies = [
+        body(
+            name=f'b{i}',
+            subdivisions=0,
+            mode=mode,
+            stiffness=stiffness,
+            bounciness=bounciness,
+            deformation=beta,
+        )
+        for i, (mode, stiffness, bounciness, beta) in enumerate(
+            itertools.product(SOFT, (0.1, 1.0), (0.0, 0.5, 1.0), (0.0, 0.5, 1.0))
+        )
+    ]
+    world = floating(*bodies, h=h, reference_step=REFERENCE)
+    for name in world.names:
+        disturbed(world, name, seed=2, shape=0.05, speed=0.1)
+    before = {name: energy(world, name) for name in world.names}
+    world.step(10_000)
+    for name in world.names:
+        assert energy(world, name) < 1.5 * before[name]
+
+
+# ----------------------------------------------------------------------------------- conservation
+@pytest.mark.parametrize('volume_conservation', [0.0, 1.0])
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize(
+    'mesh', [sheared_box(), cad_mesh('power_connector'), 'icosphere'], ids=['box', 'CAD', 'ball']
+)
+def test_free_flight_keeps_momentum_and_angular_momentum(mesh, mode, volume_conservation):
+    world = floating(
+        body(mesh, mode=mode, volume_conservation=volume_conservation, stiffness=0.3), h=1 / 240
+    )
+    disturbed(world, seed=4, shape=0.1, speed=2.0)
+    linear, spin = momentum(world), angular_momentum(world)
+    for _ in range(50):
+        world.step(10)
+        assert np.linalg.norm(momentum(world) - linear) < 1e-12 * np.linalg.norm(linear)
+        assert np.linalg.norm(angular_momentum(world) - spin) < 1e-12 * np.linalg.norm(spin)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_the_centre_of_mass_moves_in_a_straight_line(mode):
+    world = floating(body(sheared_box(), mode=mode), h=1 / 240)
+    disturbed(world, seed=5)
+    start, velocity = centre(world), momentum(world)
+    world.step(500)
+    assert centre(world) == pytest.approx(start + 500 / 240 * velocity, abs=1e-11)
+
+
+@pytest.mark.parametrize('name', rank_deficient_shapes())
+@pytest.mark.parametrize('mode', MODES)
+def test_shapes_that_span_little_keep_their_momentum_too(name, mode):
+    world = floating(body(rank_deficient_shapes()[name], mode=mode), h=1 / 240)
+    disturbed(world, seed=6, shape=0.05)
+    if mode == 'rigid':
+        world.step()
+    linear, spin = momentum(world), angular_momentum(world)
+    world.step(200)
+    assert momentum(world) == pytest.approx(linear, abs=1e-12)
+    assert angular_momentum(world) == pytest.approx(spin, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize('mode', SOFT)
+def test_a_left_alone_body_comes_to_rigid_motion(mode):
+    world = floating(body(sheared_box(), mode=mode), h=1 / 240)
+    disturbed(world, seed=7, shape=0.1, speed=0.0)
+    world.step(1000)
+    assert rms_displacement(world) < 1e-4
+
+
+# ------------------------------------------------------------------------------------------ rigid
+def test_a_rigid_body_keeps_its_shape_exactly():
+    world = floating(
+        body(sheared_box(), mode='rigid', initial_velocity_angular=(3.0, -2.0, 1.0)),
+        h=1 / 240,
+        gravity=9.81,
+    )
+    for _ in range(20):
+        world.step(50)
+        assert world.rigid_fit('body').displacement.max() < 1e-12
+
+
+def test_a_rigid_ball_spins_on_for_ever():
+    spin = np.array([3.0, -4.0, 12.0])
+    world = floating(body(mode='rigid', initial_velocity_angular=spin), h=1 / 240)
+    before = angular_momentum(world)
+    world.step(1000)
+    assert world.rigid_fit('body').angular_velocity == pytest.approx(spin, rel=1e-9)
+    assert angular_momentum(world) == pytest.approx(before, rel=1e-12)
+
+
+def test_a_rigid_ball_turns_by_the_angle_of_its_spin():
+    world = floating(body(mode='rigid', initial_velocity_angular=(0.0, 0.0, 2.0)), h=1 / 240)
+    world.step(240)
+    turn = world.rigid_fit('body').rotation
+    assert math.atan2(turn[1, 0], turn[0, 0]) == pytest.approx(2.0, rel=1e-3)
+
+
+def test_stiffness_and_bounciness_do_not_matter_to_a_rigid_body():
+    worlds = [
+        floating(
+            body(mode='rigid', stiffness=value, bounciness=value, deformation=value), h=1 / 240
+        )
+        for value in (0.0, 0.7)
+    ]
+    for world in worlds:
+        disturbed(world, seed=1)
+        world.step(20)
+    assert np.array_equal(worlds[0].positions('body'), worlds[1].positions('body'))
+
+
+# ------------------------------------------------------------------------------------------- fall
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('direction', [(0.0, 0.0, -1.0), (0.6, 0.0, 0.8), (0.0, -7.0, 0.0)])
+def test_a_body_falls_at_g(mode, direction):
+    h, n = 1 / 240, 240
+    start = (1.0, 2.0, 3.0)
+    config = WorldConfig(
+        time_step=h,
+        gravity_magnitude=3.7,
+        gravity_direction=direction,
+        bodies=(body(mode=mode, position=start, initial_velocity_linear=(0.0, 0.0, 5.0)),),
+        obstacles=(),
+    )
+    world = World(config)
+    world.step(n)
+    g = 3.7 * np.array(direction) / np.linalg.norm(direction)
+    assert momentum(world) == pytest.approx(np.array([0.0, 0.0, 5.0]) + n * h * g, rel=1e-11)
+    # symplectic Euler: the sum of the velocities after each kick
+    fallen = h**2 * g * n * (n + 1) / 2 + np.array([0.0, 0.0, 5.0]) * n * h
+    assert centre(world) == pytest.approx(start + fallen, rel=1e-11)
+    assert world.time == pytest.approx(1.0)
+
+
+def test_falling_deforms_nothing():
+    world = floating(body(sheared_box()), gravity=9.81)
+    world.step(500)
+    assert rms_displacement(world) < 1e-12
+
+
+def test_mass_does_not_change_the_motion():
+    worlds = [
+        World(WorldConfig(bodies=(BodyConfig(mass=mass, subdivisions=1),))) for mass in (1, 70)
+    ]
+    for world in worlds:
+        world.step(300)
+    assert np.array_equal(worlds[0].positions('body'), worlds[1].positions('body'))
+
+
+# ------------------------------------------------------------------------------ bounce and settle
+def heights(config, seconds, every=1):
+    world = World(config)
+    name = world.names[0]
+    result = [centre(world, name)[2]]
+    for _ in range(round(seconds / config.time_step / every)):
+        world.step(every)
+        result.append(centre(world, name)[2])
+    return np.array(result), world
+
+
+def drop(mesh='icosphere', subdivisions=3, height=1.0, h=1 / 240, **values):
+    """Return the world of a ball that falls by `height` on the ground."""
+    ball = BodyConfig(
+        name='ball',
+        mesh=mesh,
+        subdivisions=subdivisions,
+        position=(0.0, 0.0, 0.5 + height),
+        **values,
+    )
+    return WorldConfig(time_step=h, bodies=(ball,))
+
+
+@pytest.mark.parametrize('mode', SOFT)
+def test_a_dropped_ball_deforms_bounces_and_settles_as_the_original_sphere(mode):
+    world = World(drop(subdivisions=2, mode=mode))
+    height, shape = [], []
+    for _ in range(2400):
+        world.step()
+        height.append(centre(world, 'ball')[2])
+        shape.append(rms_displacement(world, 'ball'))
+    height = np.array(height)
+    first_low = np.flatnonzero(np.diff(height) > 0)[0]
+    assert max(shape) > 0.08
+    assert height[first_low] < 0.45
+    assert height[first_low:].max() - 0.5 > 0.2
+    assert np.ptp(height[-240:]) < 1e-3
+    assert height[-1] == pytest.approx(0.5, abs=0.08)
+    assert shape[-1] < 0.025
+
+
+def test_more_elasticity_bounces_higher():
+    peaks = []
+    for elasticity in (0.0, 0.4, 0.8):
+        height, _ = heights(drop(subdivisions=2, elasticity=elasticity), 1.2)
+        low = np.flatnonzero(np.diff(height) > 0)[0]
+        peaks.append(height[low:].max())
+    assert peaks[0] < peaks[1] < peaks[2] < 1.5
+
+
+@pytest.mark.parametrize('mode', SOFT)
+def test_the_height_does_not_depend_on_the_resolution(mode):
+    coarse, _ = heights(drop(subdivisions=3, mode=mode), 2.0)
+    fine, _ = heights(drop(subdivisions=5, mode=mode), 2.0)
+    assert np.abs(coarse - fine).max() < 0.03
+
+
+def test_the_height_hardly_depends_on_the_step():
+    coarse, _ = heights(drop(subdivisions=2, h=1 / 240), 0.7)
+    fine, _ = heights(drop(subdivisions=2, h=1 / 960), 0.7, every=4)
+    assert np.abs(coarse - fine).max() < 0.05
+
+
+# ------------------------------------------------------------------------------------------ batch
+def test_bodies_that_share_a_shape_move_as_if_alone():
+    bodies = [
+        BodyConfig(
+            name=f'b{i}',
+            mode=mode,
+            subdivisions=2,
+            position=(3.0 * i, 0.0, 0.6 + 0.1 * i),
+            stiffness=0.2 + 0.1 * i,
+            friction_model=('viscous', 'coulomb')[i % 2],
+            thickness=0.01 * i,
+            initial_velocity_linear=(1.0, 0.0, -1.0),
+            initial_velocity_angular=(0.0, float(i), 1.0),
+        )
+        for i, mode in enumerate(('quadratic', 'linear', 'rigid', 'quadratic', 'linear'))
+    ]
+    together = World(WorldConfig(bodies=tuple(bodies)))
+    together.step(200)
+    for config in bodies:
+        alone = World(WorldConfig(bodies=(config,)))
+        alone.step(200)
+        assert together.positions(config.name) == pytest.approx(
+            alone.positions(config.name), abs=1e-11
+        )
+
+
+def test_bodies_of_different_shapes_move_as_if_alone():
+    bodies = (
+        BodyConfig(name='a', mesh='box', subdivisions=1),
+        BodyConfig(name='b', mesh=sheared_box(), position=(5.0, 0.0, 1.0)),
+        BodyConfig(name='c', mesh='box', subdivisions=1, size=0.3, position=(9.0, 0.0, 1.0)),
+    )
+    together = World(WorldConfig(bodies=bodies))
+    together.step(200)
+    assert together.names == ('a', 'b', 'c')
+    for config in bodies:
+        alone = World(WorldConfig(bodies=(config,)))
+        alone.step(200)
+        assert together.positions(config.name) == pytest.approx(
+            alone.positions(config.name), abs=1e-11
+        )
+
+
+# ------------------------------------------------------------------------------------- invariance
+def test_the_size_of_a_body_only_scales_its_motion():
+    """Lengths, speeds and gravity times 1000: the same motion, 1000 times as large."""
+    worlds = []
+    for scale in (1.0, 1000.0):
+        config = WorldConfig(
+            gravity_magnitude=9.81 * scale,
+            bodies=(body('box', size=0.5 * scale, position=(0.0, 0.0, scale)),),
+        )
+        worlds.append(World(config))
+    for world in worlds:
+        world.step(240)
+    small, large = (world.positions('body') for world in worlds)
+    assert large / 1000.0 == pytest.approx(small, abs=1e-9)
+
+
+@pytest.mark.parametrize('dtype', [np.float32])
+def test_single_precision_stays_close(dtype):
+    config = drop(subdivisions=2, height=0.2)
+    exact, rough = World(config), World(config, dtype)
+    for world in (exact, rough):
+        world.step(240)
+    assert rough.positions('ball').dtype == dtype
+    assert rough.velocities('ball').dtype == dtype
+    assert rough.positions('ball') == pytest.approx(exact.positions('ball'), abs=2e-3)
+
+
+def test_a_deformed_body_keeps_its_volume():
+    surface = make_surface('icosphere', 0.5, 2)
+    world = floating(body(surface, stiffness=0.5, deformation=1.0, bounciness=0.0), h=1 / 240)
+    q = world.positions('body')
+    put(world, 'body', q * (1.3, 1.1, 0.9))
+    world.step(500)
+    expected = enclosed_volume(surface.vertices, surface.faces)
+    assert enclosed_volume(world.positions('body'), surface.faces) == pytest.approx(
+        expected, rel=1e-6
+    )
+    assert rms_displacement(world) > 0.05
+
+
+def test_a_live_change_of_parameters_reaches_the_next_tick():
+    world = floating(body(mode='linear', bounciness=0.0))
+    q = world.positions('body')
+    put(world, 'body', q * (1.2, 1.0, 1.0))
+    frozen = dataclasses.replace(world.config.bodies[0], stiffness=0.0)
+    world.configure(dataclasses.replace(world.config, bodies=(frozen,)))
+    before = world.positions('body')
+    world.step(10)
+    assert world.positions('body') == pytest.approx(before, abs=1e-12)

@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The parameter table, and the scenes that values and the shipped YAML files make of it."""
+
+import pathlib
+
+import pytest
+import yaml
+
+from softbody_ros import parameters
+from softbody_ros.core import ConfigError, World
+from softbody_ros.core.config import checked
+from softbody_ros.parameters import SceneLists
+
+ROOT = pathlib.Path(__file__).parent.parent
+SCENES = sorted((ROOT / 'config').glob('*.yaml'))
+TABLE = parameters.table(SceneLists())
+
+
+def flattened(tree, prefix=''):
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flattened(value, f'{prefix}{key}.')
+        else:
+            yield prefix + key, value
+
+
+def scene_values(path):
+    (node,) = yaml.safe_load(path.read_text()).values()
+    return dict(flattened(node['ros__parameters']))
+
+
+def test_every_default_is_valid():
+    for name, facts in TABLE.items():
+        assert checked(name, facts.default, facts) == facts.default
+
+
+def test_every_parameter_has_a_description_and_bounds_where_it_is_a_number():
+    for name, facts in TABLE.items():
+        assert facts.description, name
+        if isinstance(facts.default, float) or facts.length:
+            assert facts.minimum is not None and facts.maximum is not None, name
+
+
+def test_table_has_what_the_design_lists():
+    scene = 'frame_id time_step reference_step points_rate mesh_rate time_scale step_count '
+    scene += 'gravity.magnitude gravity.direction bodies obstacles'
+    body = 'mesh size subdivisions position orientation initial_velocity.linear '
+    body += 'initial_velocity.angular mass mode stiffness bounciness deformation elasticity '
+    body += 'friction friction_model volume_conservation thickness color'
+    obstacle = 'type position orientation size velocity.linear velocity.angular'
+    expected = scene.split() + [f'ball.{name}' for name in body.split()]
+    expected += [f'ground.{name}' for name in obstacle.split()]
+    assert sorted(TABLE) == sorted(expected)
+
+
+def test_readme_shows_this_table():
+    assert parameters.markdown() in (ROOT / 'README.md').read_text()
+
+
+@pytest.mark.parametrize('path', SCENES, ids=lambda path: path.stem)
+def test_shipped_scene_runs(path):
+    scene = parameters.make_scene(scene_values(path))
+    world = World(scene.world)
+    world.step(240)
+    assert world.tick == 240
+
+
+def test_default_yaml_lists_every_parameter_with_its_default():
+    values = scene_values(ROOT / 'config' / 'default.yaml')
+    assert sorted(set(TABLE) - set(values)) == ['ground.size']  # unused by a plane
+    assert parameters.make_scene(values) == parameters.make_scene({})
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'ball.stifness': 0.1}, 'unknown parameter ball.stifness: did you mean ball.stiffness?'),
+        ({'bodies': []}, 'bodies is []: name at least one body'),
+        ({'bodies': ['a', 'a']}, 'the name a is used twice'),
+        ({'bodies': ['ground']}, 'the name ground is used twice'),
+        ({'bodies': ['1st']}, "the name '1st' is not usable"),
+        ({'bodies': 'ball'}, "bodies is 'ball': it must be a list of names"),
+        ({'ball.mass': 0.0}, 'ball.mass is 0: it must be from 1e-06 to 1e+06 kg'),
+        ({'ball.color': [1.0, 0.0, 0.0]}, 'ball.color is [1, 0, 0]: it must be 4 numbers'),
+        ({'ball.mode': 'soft'}, "ball.mode is 'soft': choose one of rigid, linear, quadratic"),
+        ({'frame_id': ''}, "frame_id is '': give the name of a frame"),
+        ({'ball.friction': 2.0}, 'larger coefficients need friction_model coulomb'),
+        (
+            {'gravity.direction': [0.0, 0.0, 0.0]},
+            'gravity.direction is [0, 0, 0]: its length must not be zero',
+        ),
+        (
+            {'ball.mesh': 'package://no_such_package/ball.stl'},
+            "mesh package://no_such_package/ball.stl: package 'no_such_package' is not installed",
+        ),
+    ],
+)
+def test_refusals_are_one_helpful_sentence(values, sentence):
+    with pytest.raises(ConfigError) as refusal:
+        parameters.make_scene(values)
+    assert sentence in str(refusal.value)
+    assert '\n' not in str(refusal.value)
+
+
+def test_package_uri_is_found_through_the_ament_index(tmp_path, monkeypatch):
+    index = tmp_path / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    index.mkdir(parents=True)
+    (index / 'meshes').touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    path = parameters.mesh_path('package://meshes/part.stl')
+    assert path == str(tmp_path / 'share' / 'meshes' / 'part.stl')
+    assert parameters.mesh_path('file:///tmp/part.stl') == '/tmp/part.stl'
+    assert parameters.mesh_path('icosphere') == 'icosphere'
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'expected'),
+    [
+        ('ball.mass', 2, 2.0),
+        ('ball.mass', True, True),
+        ('ball.position', [0, 0, 2], [0.0, 0.0, 2.0]),
+        ('ball.position', [0.0, 0.0, 2.0], [0.0, 0.0, 2.0]),
+        ('step_count', 2, 2),
+        ('ball.mode', 'linear', 'linear'),
+        ('ball.position', 'here', 'here'),
+    ],
+)
+def test_integers_become_floats_where_floats_are_meant(name, value, expected):
+    result = parameters.promoted(value, TABLE[name])
+    assert result == expected
+    assert type(result) is type(expected)
+    if isinstance(expected, list):
+        assert all(isinstance(item, float) for item in result)
+
+
+def test_descriptors_carry_ranges_units_and_choices():
+    mass = parameters.descriptor(TABLE['ball.mass'])
+    assert '[kg]' in mass.description
+    assert (mass.floating_point_range[0].from_value, mass.read_only) == (1e-6, False)
+    assert parameters.descriptor(TABLE['step_count']).integer_range[0].from_value == 1
+    assert parameters.descriptor(TABLE['ball.mesh']).read_only
+    mode = parameters.descriptor(TABLE['ball.mode'])
+    assert mode.additional_constraints == 'rigid | linear | quadratic'
