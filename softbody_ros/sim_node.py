@@ -7,7 +7,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+import signal
 import sys
+import threading
 import time
 from typing import Any
 
@@ -25,6 +27,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_srvs.srv import SetBool, Trigger
@@ -388,26 +391,36 @@ def main(args: list[str] | None = None) -> int:
     if '-h' in arguments or '--help' in arguments:
         print(USAGE)
         return 0
+    stop = _stop_on_signals()
     try:
-        rclpy.init(args=args)
-    except RuntimeError as error:
-        return _refuse(error)
-    try:
-        node = SimNode()
+        # rclpy's own handlers would take the context away in the middle of a callback
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except (ConfigError, MeshError, ParameterException) as error:
+        executor.add_node(SimNode())
+    except (ConfigError, MeshError, ParameterException, RuntimeError) as error:
+        rclpy.try_shutdown()
         return _refuse(error)
-    except RuntimeError:
-        # a signal that arrives in the middle of a callback takes the context away from it
-        if rclpy.ok():
-            raise
+    try:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=1.0)
+    except ExternalShutdownException:
+        pass
     finally:
         rclpy.try_shutdown()
     return 0
+
+
+def _stop_on_signals() -> threading.Event:
+    """Return an event that the first SIGINT or SIGTERM sets; a second one ends at once."""
+    stop = threading.Event()
+
+    def handle(number: int, _: object) -> None:
+        stop.set()
+        signal.signal(number, signal.SIG_DFL)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handle)
+    return stop
 
 
 def _refuse(error: Exception) -> int:
