@@ -1,0 +1,385 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Contact: distances to obstacles, restitution, both laws of friction, moving obstacles."""
+
+from core_helpers import body, centre, momentum, random_rotation, rms_displacement, sheet
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, World, WorldConfig, contact
+from softbody_ros.core.dynamics import make_gains
+
+H = 1 / 240
+G = 9.81
+MODES = ('rigid', 'linear', 'quadratic')
+
+
+# -------------------------------------------------------------------------------------- distances
+SIZES = {
+    'sphere': (0.7, 1.0, 1.0),
+    'capsule': (0.3, 1.0, 0.9),
+    'box': (0.5, 0.8, 0.3),
+    'plane': (1.0, 1.0, 1.0),
+}
+
+
+def on_the_surface(kind, size, count=50_000):
+    """Return points spread over the surface of a shape, (k, 3)."""
+    random = np.random.default_rng(0)
+    size = np.array(size)
+    directions = random.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    if kind == 'plane':
+        return random.uniform(-4.0, 4.0, (count, 3)) * (1.0, 1.0, 0.0)
+    if kind == 'sphere':
+        return size[0] * directions
+    if kind == 'capsule':
+        straight = size[2] - size[0]
+        ends = size[0] * directions
+        ends[:, 2] += np.copysign(straight, ends[:, 2])
+        side = directions * (1.0, 1.0, 0.0)
+        side *= size[0] / np.linalg.norm(side, axis=1)[:, None]
+        side[:, 2] = random.uniform(-straight, straight, count)
+        return np.vstack([ends, side])
+    points = random.uniform(-size, size, (count, 3))
+    face = random.integers(3, size=count)
+    row = np.arange(count)
+    points[row, face] = np.copysign(size[face], points[row, face])
+    return points
+
+
+def is_inside(kind, size, points):
+    x, y, z = points.T
+    if kind == 'plane':
+        return z < 0
+    if kind == 'sphere':
+        return x**2 + y**2 + z**2 < size[0] ** 2
+    if kind == 'box':
+        return np.all(np.abs(points) < size, axis=1)
+    above = np.maximum(np.abs(z) - (size[2] - size[0]), 0.0)
+    return x**2 + y**2 + above**2 < size[0] ** 2
+
+
+@pytest.mark.parametrize('kind', SIZES)
+def test_the_distance_is_that_of_the_nearest_point_of_the_surface(kind):
+    size = np.array(SIZES[kind])
+    points = np.random.default_rng(1).uniform(-1.5, 1.5, (200, 3))
+    distance, normal = contact.SIGNED_DISTANCE[kind](points, size)
+    samples = on_the_surface(kind, size)
+    nearest = np.array([np.linalg.norm(samples - point, axis=1).min() for point in points])
+    assert np.abs(distance) == pytest.approx(nearest, abs=0.04)
+    assert np.all(np.abs(distance) <= nearest + 1e-12)
+    assert np.array_equal(distance < 0, is_inside(kind, size, points))
+    assert np.linalg.norm(normal, axis=1) == pytest.approx(1.0)
+    feet = points - distance[:, None] * normal
+    assert contact.SIGNED_DISTANCE[kind](feet, size)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize('kind', SIZES)
+def test_special_points_have_a_way_out_too(kind):
+    size = np.array(SIZES[kind])
+    special = np.array(
+        [
+            (0.0, 0.0, 0.0),
+            (size[0], 0.0, 0.0),
+            (0.0, 0.0, size[2]),
+            (0.0, 0.0, -size[2] - 1.0),
+            size,
+            -size,
+        ]
+    )
+    distance, normal = contact.SIGNED_DISTANCE[kind](special, size)
+    assert np.linalg.norm(normal, axis=1) == pytest.approx(1.0)
+    feet = special - distance[:, None] * normal
+    assert contact.SIGNED_DISTANCE[kind](feet, size)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_capsule_shorter_than_its_radius_is_a_sphere():
+    points = np.random.default_rng(2).normal(size=(50, 3))
+    short = contact.SIGNED_DISTANCE['capsule'](points, np.array([0.5, 0.5, 0.2]))
+    ball = contact.SIGNED_DISTANCE['sphere'](points, np.array([0.5, 0.5, 0.5]))
+    assert short[0] == pytest.approx(ball[0])
+    assert short[1] == pytest.approx(ball[1])
+
+
+# --------------------------------------------------------------------------------- one particle
+def collided(velocity, obstacle=None, position=(0.0, 0.0, -0.01), approach=None, h=H, **values):
+    """Return position and velocity of a particle after its contact with an obstacle."""
+    obstacle = contact.placed(obstacle or ObstacleConfig())
+    gains = make_gains([BodyConfig(**values)], h, 1 / 120)
+    x = np.array(position, dtype=float).reshape(1, 3, 1)
+    v = np.array(velocity, dtype=float).reshape(1, 3, 1)
+    before = v.copy() if approach is None else np.array(approach, dtype=float).reshape(1, 3, 1)
+    contact.collide(x, v, before, obstacle, gains, G, h)
+    return x[0, :, 0], v[0, :, 0]
+
+
+@pytest.mark.parametrize('elasticity', [0.0, 0.3, 1.0])
+def test_a_fast_particle_leaves_at_the_speed_of_its_approach_times_elasticity(elasticity):
+    x, v = collided((0.0, 0.0, -3.0), elasticity=elasticity)
+    assert x == pytest.approx([0.0, 0.0, 0.0])
+    assert v == pytest.approx([0.0, 0.0, 3.0 * elasticity])
+
+
+def test_a_slow_particle_does_not_bounce():
+    for speed, bounces in ((1.9 * G * H, False), (2.1 * G * H, True)):
+        _, v = collided((0.0, 0.0, -speed), elasticity=1.0)
+        assert v[2] == pytest.approx(speed if bounces else 0.0)
+
+
+def test_the_bounce_comes_from_the_velocity_before_matching():
+    pulled_in = (0.0, 0.0, -9.0)
+    assert collided(pulled_in, approach=(0.0, 0.0, 0.0), elasticity=1.0)[1][2] == 0.0
+    assert collided(pulled_in, approach=(0.0, 0.0, -2.0), elasticity=0.5)[1][2] == 1.0
+
+
+def test_a_particle_that_leaves_faster_is_not_held_back():
+    _, v = collided((0.0, 0.0, 4.0), approach=(0.0, 0.0, -1.0), elasticity=0.5)
+    assert v[2] == 4.0
+
+
+def test_a_particle_outside_feels_nothing():
+    for position in ((0.0, 0.0, 0.01), (0.0, 0.0, 5.0)):
+        x, v = collided((1.0, 0.0, -3.0), position=position)
+        assert np.array_equal(x, position)
+        assert np.array_equal(v, (1.0, 0.0, -3.0))
+
+
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240, 1 / 960])
+def test_viscous_friction_removes_its_share_in_each_reference_step(h):
+    v = np.array([2.0, -1.0, 0.0])
+    for _ in range(round(0.05 / h)):
+        v = collided(v, friction=0.2, h=h)[1]
+    assert v == pytest.approx(np.array([2.0, -1.0, 0.0]) * 0.8 ** (0.05 * 120))
+
+
+def test_coulomb_friction_is_bounded_by_the_normal_impulse():
+    for speed, expected in ((5.0, 5.0 - 0.4 * 3.0), (1.0, 0.0)):
+        _, v = collided((speed, 0.0, -2.0), friction=0.4, friction_model='coulomb', elasticity=0.5)
+        assert v == pytest.approx([expected, 0.0, 1.0])
+
+
+def test_without_friction_the_sliding_velocity_stays():
+    for model in ('viscous', 'coulomb'):
+        _, v = collided((2.0, 1.0, -3.0), friction=0.0, friction_model=model)
+        assert v[:2] == pytest.approx([2.0, 1.0])
+
+
+def test_restitution_and_friction_are_relative_to_the_obstacle():
+    belt = ObstacleConfig(velocity_linear=(1.0, 0.0, 2.0))
+    _, v = collided((1.0, 3.0, -1.0), belt, friction=1.0, elasticity=0.5)
+    assert v == pytest.approx([1.0, 0.0, 2.0 + 1.5])
+
+
+def test_a_turning_obstacle_drags_by_its_speed_at_the_contact():
+    table = ObstacleConfig(position=(1.0, 0.0, 0.0), velocity_angular=(0.0, 0.0, 2.0))
+    _, v = collided((0.0, 0.0, -1.0), table, (1.5, 0.5, -0.01), friction=1.0, elasticity=0.0)
+    assert v == pytest.approx([-1.0, 1.0, 0.0])
+
+
+def test_thickness_keeps_the_distance():
+    x, v = collided((0.0, 0.0, -3.0), position=(0.0, 0.0, 0.05), thickness=0.1, elasticity=1.0)
+    assert x[2] == pytest.approx(0.1)
+    assert v[2] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize('kind', SIZES)
+def test_a_particle_is_brought_to_the_surface_of_a_turned_obstacle(kind):
+    turn = Rotation.from_matrix(random_rotation(4))
+    obstacle = ObstacleConfig(
+        type=kind, size=SIZES[kind], position=(1.0, 2.0, 3.0), orientation=turn.as_quat()
+    )
+    local = np.array([0.02, 0.05, 0.25]) if kind != 'plane' else np.array([0.3, 0.4, -0.2])
+    distance, normal = contact.SIGNED_DISTANCE[kind](local[None], np.array(SIZES[kind]))
+    assert distance[0] < 0
+    velocity = turn.apply(-2.0 * normal[0])
+    start = np.add(turn.apply(local), obstacle.position)
+    x, v = collided(velocity, obstacle, start, elasticity=0.5)
+    expected = local - distance[0] * normal[0]
+    assert turn.inv().apply(x - obstacle.position) == pytest.approx(expected)
+    assert v == pytest.approx(-0.5 * velocity)
+
+
+def test_a_shape_that_is_not_there_yet_is_refused_with_those_that_are():
+    with pytest.raises(ConfigError, match=r'rock\.type is .mesh.*plane, box, sphere, capsule'):
+        World(WorldConfig(obstacles=(ObstacleConfig(name='rock', type='mesh'),)))
+
+
+# --------------------------------------------------------------------------------------- bodies
+def on_ground(config, ground=None, h=H, **values):
+    """Return the world of one body on the ground."""
+    return World(
+        WorldConfig(
+            time_step=h,
+            gravity_magnitude=G,
+            bodies=(config,),
+            obstacles=(ground or ObstacleConfig(),),
+            **values,
+        )
+    )
+
+
+def test_nothing_is_ever_inside_an_obstacle_after_a_tick():
+    tilt = Rotation.from_euler('xyz', (10, 20, 0), degrees=True).as_quat()
+    for kind in SIZES:
+        ground = ObstacleConfig(
+            type=kind, size=(2.0, 2.0, 2.0), position=(0.1, 0.0, -2.0), orientation=tilt
+        )
+        bodies = tuple(
+            body(name=mode, mode=mode, position=(0.0, 0.0, 1.0), thickness=0.02) for mode in MODES
+        )
+        world = World(WorldConfig(bodies=bodies, obstacles=(ground,)))
+        touched = False
+        for _ in range(240):
+            world.step()
+            for name in world.names:
+                local = (world.positions(name) - ground.position) @ world.obstacles[0].rotation
+                distance = contact.SIGNED_DISTANCE[kind](local, np.array(ground.size))[0]
+                assert distance.min() >= 0.02 - 1e-12
+                touched |= distance.min() < 0.02 + 1e-12
+        assert touched
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_body_at_rest_keeps_its_thickness_from_the_ground(mode):
+    world = on_ground(
+        body('box', mode=mode, position=(0.0, 0.0, 0.6), thickness=0.05, stiffness=0.9)
+    )
+    world.step(1000)
+    assert world.positions('body')[:, 2].min() == pytest.approx(0.05, abs=1e-3)
+
+
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240])
+@pytest.mark.parametrize('mode', MODES)
+def test_viscous_friction_slows_a_sliding_sheet_alike_at_any_step(mode, h):
+    world = on_ground(
+        body(sheet(), mode=mode, friction=0.05, initial_velocity_linear=(2.0, 1.0, 0.0)), h=h
+    )
+    world.step(round(0.5 / h))
+    expected = np.array([2.0, 1.0]) * 0.95 ** (0.5 * 120)
+    assert momentum(world)[:2] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('shape', ['sheet', 'box'])
+def test_coulomb_friction_slows_a_sliding_body_by_mu_g_until_it_stops(mode, shape):
+    mesh, height = (sheet(), 0.0) if shape == 'sheet' else ('box', 0.5)
+    world = on_ground(
+        body(
+            mesh,
+            mode=mode,
+            position=(0.0, 0.0, height),
+            friction=0.2,
+            friction_model='coulomb',
+            stiffness=0.9,
+            elasticity=0.0,
+            initial_velocity_linear=(2.0, 0.0, 0.0),
+        )
+    )
+    world.step(48)
+    fast = momentum(world)[0]
+    world.step(96)
+    assert (fast - momentum(world)[0]) / 0.4 == pytest.approx(0.2 * G, rel=0.05)
+    world.step(240)
+    stopped = centre(world)
+    world.step(240)
+    assert centre(world) == pytest.approx(stopped, abs=1e-3)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_body_stays_on_an_incline_whose_slope_is_less_than_mu_and_slides_on_a_steeper(mode):
+    tilt = Rotation.from_euler('y', 10, degrees=True)
+    downhill = tilt.apply((1.0, 0.0, 0.0))
+    for friction, acceleration in (
+        (0.4, 0.0),
+        (0.05, G * (np.sin(0.1745) - 0.05 * np.cos(0.1745))),
+    ):
+        world = on_ground(
+            body(
+                sheet(),
+                mode=mode,
+                orientation=tilt.as_quat(),
+                friction=friction,
+                friction_model='coulomb',
+            ),
+            ObstacleConfig(orientation=tilt.as_quat()),
+        )
+        world.step(240)
+        moved = centre(world) @ downhill
+        assert moved == pytest.approx(acceleration / 2, rel=0.02, abs=1e-3)
+
+
+@pytest.mark.parametrize('model', ['viscous', 'coulomb'])
+@pytest.mark.parametrize('mode', MODES)
+def test_a_conveyor_belt_carries_a_body_along(mode, model):
+    belt = ObstacleConfig(velocity_linear=(0.8, 0.0, 0.0))
+    world = on_ground(body('box', mode=mode, position=(0, 0, 0.5), friction_model=model), belt)
+    world.step(480)
+    before = centre(world)
+    world.step(240)
+    assert (centre(world) - before)[0] == pytest.approx(0.8, rel=0.02)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_rising_plane_lifts_a_body(mode):
+    lift = ObstacleConfig(velocity_linear=(0.0, 0.0, 0.5))
+    world = on_ground(body('box', mode=mode, position=(0.0, 0.0, 0.5)), lift)
+    world.step(480)
+    before = centre(world)
+    world.step(240)
+    assert world.obstacles[0].position == pytest.approx([0.0, 0.0, 0.5 * 3.0])
+    assert (centre(world) - before)[2] == pytest.approx(0.5, rel=0.02)
+    assert world.positions('body')[:, 2].min() >= 1.5 - 1e-12
+
+
+def test_an_obstacle_turns_at_its_angular_velocity():
+    spin = ObstacleConfig(type='box', velocity_angular=(0.0, 0.0, np.pi / 2))
+    world = on_ground(body(position=(9.0, 0.0, 0.0)), spin)
+    world.step(240)
+    assert world.obstacles[0].rotation[:, 0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
+
+
+def test_a_body_comes_to_rest_on_a_box_obstacle_and_falls_beside_it():
+    table = ObstacleConfig(type='box', size=(1.0, 1.0, 0.5))
+    for x, rests in ((0.0, True), (3.0, False)):
+        world = on_ground(body('box', position=(x, 0.0, 1.1), stiffness=0.9), table)
+        world.step(480)
+        assert (centre(world)[2] > 0.9) == rests
+
+
+# ----------------------------------------------------------------------------- bounce, as a whole
+def rebound(**values):
+    """Return how high a ball bounces after a fall of 1 m, and the world a second later."""
+    world = on_ground(body(subdivisions=2, position=(0.0, 0.0, 1.5), **values))
+    height = []
+    for _ in range(288):
+        world.step()
+        height.append(centre(world)[2])
+    low = int(np.argmin(height[:150]))
+    return max(height[low:]) - 0.5, world
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_ball_of_more_elasticity_bounces_higher(mode):
+    heights = [rebound(mode=mode, elasticity=elasticity)[0] for elasticity in (0.0, 0.4, 0.8)]
+    assert heights[0] < heights[1] < heights[2] < 1.0
+
+
+def test_a_rigid_ball_rests_on_the_ground_and_not_in_it():
+    _, world = rebound(mode='rigid', elasticity=0.0)
+    world.step(480)
+    fit = world.rigid_fit('body')
+    assert rms_displacement(world) < 0.005
+    assert fit.position[2] == pytest.approx(0.5, abs=0.01)
+    assert fit.linear_velocity == pytest.approx(np.zeros(3), abs=1e-3)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_the_fitted_velocity_of_a_body_at_rest_is_zero(mode):
+    world = on_ground(body('box', mode=mode, position=(0.0, 0.0, 0.5)))
+    world.step(1200)
+    before = centre(world)
+    world.step(240)
+    assert centre(world) == pytest.approx(before, abs=1e-4)
+    assert world.rigid_fit('body').linear_velocity == pytest.approx(np.zeros(3), abs=1e-3)
