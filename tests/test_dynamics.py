@@ -278,7 +278,7 @@ def energy(world, name):
     return w @ np.sum(speed**2, axis=1) + omega**2 * w @ displacement**2
 
 
-@pytest.mark.parametrize('h', [1 / 960, 1 / 60, 0.1])
+@pytest.mark.parametrize('h', [1 / 60, 0.1])
 def test_ten_thousand_ticks_add_no_energy(h):
     parameters = itertools.product(SOFT, (0.1, 1.0), (0.0, 0.9, 1.0), (0.0, 0.5, 0.9))
     bodies = [
@@ -318,7 +318,7 @@ def test_a_body_that_follows_every_deformation_stays_of_bounded_size(mode, h, vo
     config = body(mode=mode, deformation=1.0, volume_conservation=volume_conservation)
     world = floating(config, h=h, reference_step=REFERENCE)
     disturbed(world, seed=2, shape=0.05, speed=0.1)
-    for _ in range(60):
+    for _ in range(40):
         world.step(round(0.5 / h))
         assert rms_displacement(world) < 10.0
 

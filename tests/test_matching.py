@@ -297,7 +297,7 @@ def test_a_shape_that_spans_little_comes_back_when_it_is_disturbed(surface, mode
     x = world.positions('body')
     put(world, 'body', x + 0.1 * scale * random.normal(size=x.shape))
     assert rms_displacement(world) > 0.03
-    world.step(720)
+    world.step(480)
     assert rms_displacement(world) < 0.01
 
 
@@ -324,7 +324,7 @@ def test_any_state_comes_back_to_the_rest_shape(surface, kind, mode):
     world = floating(body(surface, mode=mode), h=1 / 240)
     x = world.positions('body') - world.rest_shape('body').centre
     put(world, 'body', squashed(kind, x, np.random.default_rng(8)))
-    world.step(1200)
+    world.step(720)
     assert rms_displacement(world) < 0.01
 
 

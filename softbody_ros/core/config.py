@@ -110,7 +110,8 @@ def checked(name: str, value: Any, facts: Setting) -> Any:
             raise ConfigError(f'{name} is {value!r}: choose one of {", ".join(facts.choices)}')
         return value
     if isinstance(default, tuple):
-        is_list = isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str)
+        is_list = isinstance(value, Sequence) and not isinstance(value, str)
+        is_list |= isinstance(value, np.ndarray) and value.ndim > 0
         if facts.length is None:
             if not is_list or not all(isinstance(item, str) for item in value):
                 raise ConfigError(f'{name} is {value!r}: it must be a list of names')
@@ -126,7 +127,10 @@ def _number(name: str, value: Any, item: Any, facts: Setting, kind: type) -> Any
     if isinstance(item, (bool, np.bool_)) or not isinstance(item, wanted):
         what = 'a whole number' if kind is int else 'a number'
         raise ConfigError(f'{name} is {_shown(value)}: it must be {what}')
-    number = kind(item)
+    try:
+        number = kind(item)
+    except OverflowError:
+        number = math.inf
     low = -math.inf if facts.minimum is None else facts.minimum
     high = math.inf if facts.maximum is None else facts.maximum
     if not math.isfinite(number) or not low <= number <= high:
@@ -138,9 +142,11 @@ def _number(name: str, value: Any, item: Any, facts: Setting, kind: type) -> Any
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str):
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, Sequence) and not isinstance(value, str):
         return '[' + ', '.join(_shown(item) for item in value) + ']'
-    return f'{value:g}' if isinstance(value, numbers.Real) else repr(value)
+    return repr(value)
 
 
 def unknown_name(name: str, known: Sequence[str]) -> str:
@@ -159,8 +165,8 @@ class Checked:
         return f'{name}.' if name else ''
 
     def __post_init__(self) -> None:
-        name = getattr(self, 'name', None)
-        if name is not None and not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
+        name = getattr(self, 'name', 'unnamed')
+        if not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
             raise ConfigError(
                 f'the name {name!r} is not usable: begin with a letter and go on with '
                 'letters, digits and underscores'

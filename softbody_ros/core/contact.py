@@ -101,9 +101,9 @@ def box_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _unit(vectors: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    upwards = np.array([0.0, 0.0, 1.0])
+    sideways = np.array([1.0, 0.0, 0.0])  # the way out from the axis of a capsule
     safe = np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    return np.where((lengths > 0.0)[:, None], vectors / safe, upwards)
+    return np.where((lengths > 0.0)[:, None], vectors / safe, sideways)
 
 
 SIGNED_DISTANCE = {
@@ -119,6 +119,7 @@ def collide(
     x: np.ndarray,
     v: np.ndarray,
     approach: np.ndarray,
+    start: np.ndarray,
     obstacle: Obstacle,
     gains: Gains,
     gravity: float,
@@ -136,6 +137,8 @@ def collide(
         m, m/s
     approach : (B, 3, n) float
         velocities before matching, m/s
+    start : (B, 3, n) float
+        positions at the last tick, m: what does not slide returns there
     obstacle : Obstacle
     gains : Gains
     gravity : float
@@ -177,7 +180,11 @@ def collide(
     )
     kept = np.where(gains.coulomb[body], coulomb_kept, 1.0 - friction)
 
-    x[body, :, particle] = points[touching] + depth[:, None] * normal
+    slid = points[touching] - start[body, :, particle] - h * surface_velocity
+    slid -= np.einsum('ij,ij->i', slid, normal)[:, None] * normal
+    x[body, :, particle] = (
+        points[touching] + depth[:, None] * normal - (1.0 - kept)[:, None] * slid
+    )
     v[body, :, particle] = (
         surface_velocity + (normal_speed + push)[:, None] * normal + kept[:, None] * tangential
     )

@@ -81,7 +81,8 @@ class Gains:
     velocity: np.ndarray
     position_deformation: np.ndarray
     velocity_deformation: np.ndarray
-    volume_conservation: np.ndarray
+    position_conservation: np.ndarray
+    velocity_conservation: np.ndarray
     elasticity: np.ndarray
     friction: np.ndarray
     coulomb: np.ndarray
@@ -101,14 +102,22 @@ def make_gains(bodies: Sequence[BodyConfig], step: float, reference_step: float)
 
 def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
     s, k, beta_s, beta_k = 1.0, 1.0, 0.0, 0.0
+    conserved_s = conserved_k = body.volume_conservation
     if body.mode != 'rigid':
-        alpha, beta = body.stiffness, body.deformation
-        s, k = oscillator_gains(alpha, body.bounciness, step, reference_step)
-        followed_s, followed_k = oscillator_gains(
-            (1.0 - beta) * alpha, body.bounciness, step, reference_step
-        )
+        alpha, beta, kept = body.stiffness, body.deformation, body.volume_conservation
+
+        def gains_at(share: float) -> tuple[float, float]:
+            return oscillator_gains(share * alpha, body.bounciness, step, reference_step)
+
+        s, k = gains_at(1.0)
+        followed_s, followed_k = gains_at(1.0 - beta)
+        breathing_s, breathing_k = gains_at(1.0 - beta * (1.0 - kept))
         beta_k = 1.0 - followed_k / k if k > 0.0 else beta
         beta_s = 1.0 - followed_s / s if s > 0.0 else beta
+        if k > followed_k:
+            conserved_k = (breathing_k - followed_k) / (k - followed_k)
+        if s > followed_s:
+            conserved_s = (breathing_s - followed_s) / (s - followed_s)
     friction = body.friction
     if body.friction_model == 'viscous':
         friction = 1.0 - (1.0 - friction) ** (step / reference_step)
@@ -119,7 +128,8 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
         k,
         beta_s,
         beta_k,
-        body.volume_conservation,
+        conserved_s,
+        conserved_k,
         body.elasticity,
         friction,
         body.friction_model == 'coulomb',
@@ -191,13 +201,16 @@ def step(
     require_finite(moment)
     rotations = matching.rotation(moment)
     fits = fit_of_each_mode(moment, rotations, rest, gains)
-    spin = angular_momentum(x, v, centre, rest)
+    drift, spin = v @ rest.weights, angular_momentum(x, v, centre, rest)
 
     pull(x, v, centre, fits, rotations, rest, gains, h)
+    restore_momentum(v, drift, rest)
     restore_angular_momentum(x, v, centre, spin, rest)
 
     for obstacle in obstacles:
-        contact.collide(x, v, approach, obstacle, gains, float(np.linalg.norm(gravity)), h)
+        contact.collide(
+            x, v, approach, batch.x, obstacle, gains, float(np.linalg.norm(gravity)), h
+        )
 
 
 def accelerate(v: np.ndarray, gravity: np.ndarray, h: float, out: np.ndarray) -> None:
@@ -242,16 +255,20 @@ def pull(
 ) -> None:
     """Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h."""
 
-    def towards_goal(deformation: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    def towards_goal(
+        deformation: np.ndarray, conservation: np.ndarray, gain: np.ndarray
+    ) -> np.ndarray:
         transform = matching.blended(fits, rotations, deformation)
-        transform = matching.with_volume(transform, rest, gains.volume_conservation)
+        transform = matching.with_volume(transform, rest, conservation)
         difference = matching.goals(centre, transform, rest)
         difference -= x
         difference *= gain.astype(x.dtype)[:, None, None]
         return difference
 
-    position_change = towards_goal(gains.position_deformation, gains.position)
-    v += towards_goal(gains.velocity_deformation, gains.velocity / h)
+    position_change = towards_goal(
+        gains.position_deformation, gains.position_conservation, gains.position
+    )
+    v += towards_goal(gains.velocity_deformation, gains.velocity_conservation, gains.velocity / h)
     x += position_change
     if gains.rigid.any():
         # nothing deforms: the mean velocity, to which the angular momentum adds the rotation
@@ -285,7 +302,16 @@ def inertia(x: np.ndarray, centre: np.ndarray, rest: RestShape) -> np.ndarray:
 def angular_velocity(spin: np.ndarray, tensor: np.ndarray, rest: RestShape) -> np.ndarray:
     """Return (B, 3): the ω of a rigid body with this angular momentum and inertia, rad/s."""
     floor = INERTIA_FLOOR * (np.trace(tensor, axis1=1, axis2=2) + rest.scale**2)
-    return np.linalg.solve(tensor + floor[:, None, None] * np.eye(3), spin[..., None])[..., 0]
+    raised = tensor + floor[:, None, None] * np.eye(3)
+    omega = np.linalg.solve(raised, spin[..., None])
+    # one refinement takes the floor's own error away
+    omega += np.linalg.solve(raised, spin[..., None] - tensor @ omega)
+    return omega[..., 0]
+
+
+def restore_momentum(v: np.ndarray, drift: np.ndarray, rest: RestShape) -> None:
+    """Bring the mean velocity back to `drift`: rounded positions divided by h have moved it."""
+    v += (drift - v @ rest.weights)[..., None]
 
 
 def restore_angular_momentum(

@@ -16,6 +16,8 @@ from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
 
 LEAST_STRETCH, LARGEST_STRETCH = 0.2, 5.0
 """The goal follows a stretch only this far, so a flattened or inverted body finds its way back."""
+LARGEST_BEND = 1.0
+"""Norm of the quadratic block up to which the goal follows; beyond it surfaces turn inside out."""
 LEAST_VOLUME = 0.05
 """Goals of less relative volume are not inflated to the full one at once."""
 
@@ -90,6 +92,7 @@ def fit(moment: np.ndarray, rotations: np.ndarray, rest: RestShape) -> np.ndarra
         inverse, unspanned = rest.inverse_quadratic, rest.unspanned_quadratic
     transform = moment @ inverse + rotations @ unspanned[:LINEAR]
     _clamp_stretch(transform)
+    _clamp_bend(transform)
     return transform
 
 
@@ -109,6 +112,13 @@ def _clamp_stretch(transform: np.ndarray) -> None:
     stretch[..., 2] *= sign
     stretch = np.clip(stretch, LEAST_STRETCH, LARGEST_STRETCH)
     block[suspect] = (u * stretch[:, None, :]) @ vt
+
+
+def _clamp_bend(transform: np.ndarray) -> None:
+    """Shrink quadratic blocks to their largest norm, in place."""
+    block = transform[..., LINEAR:]
+    norm = np.sqrt(np.einsum('bij,bij->b', block, block))
+    block *= (LARGEST_BEND / np.maximum(norm, LARGEST_BEND))[:, None, None]
 
 
 def blended(fits: np.ndarray, rotations: np.ndarray, deformation: np.ndarray) -> np.ndarray:

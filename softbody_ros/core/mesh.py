@@ -9,6 +9,9 @@ from functools import cached_property
 import os
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 import trimesh
 
 PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
@@ -84,9 +87,9 @@ def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
         shape = _read_file(mesh)
     vertices = np.asarray(shape.vertices, dtype=np.float64)
     faces = np.asarray(shape.faces, dtype=np.int64)
-    _check(vertices, faces, f'mesh {mesh}')
     if not len(faces):
         raise MeshError(f'mesh {mesh} holds no triangles: give a surface, not points or lines')
+    _check(vertices, faces, f'mesh {mesh}')
     vertices, faces = _welded(_fitted(vertices, faces, mesh), faces)
     if not len(faces):
         raise MeshError(f'mesh {mesh} holds only triangles without area: export it again')
@@ -153,6 +156,8 @@ def _check(vertices: np.ndarray, faces: np.ndarray, what: str) -> None:
         raise MeshError(f'{what} has vertices that are not finite: export it again')
     if faces.ndim != 2 or faces.shape[1] != 3:
         raise MeshError(f'{what} has faces of shape {faces.shape}: they must be triangles, (m, 3)')
+    if len(faces) and faces.dtype.kind not in 'iu':
+        raise MeshError(f'{what} has faces of type {faces.dtype}: they must be vertex indices')
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise MeshError(f'{what} has faces that refer to vertices outside 0 … {len(vertices) - 1}')
 
@@ -170,13 +175,22 @@ def _fitted(vertices: np.ndarray, faces: np.ndarray, mesh: str) -> np.ndarray:
 
 def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and faces with equal positions merged, in the order of the file."""
-    cells = np.round(vertices / WELD_DISTANCE).astype(np.int64)
-    first, same = trimesh.grouping.unique_rows(cells)
-    faces = first[same][faces]
+    first, same = trimesh.grouping.unique_rows(vertices, digits=15)
+    pairs = cKDTree(vertices[first]).query_pairs(WELD_DISTANCE, output_type='ndarray')
+    count = len(first)
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    groups = connected_components(links, directed=False)[1]
+    faces = _first_of_each(groups[same])[faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
     kept = np.unique(faces)
     return vertices[kept], np.searchsorted(kept, faces)
+
+
+def _first_of_each(groups: np.ndarray) -> np.ndarray:
+    """Return the index of the first vertex of each vertex's group."""
+    _, first, inverse = np.unique(groups, return_index=True, return_inverse=True)
+    return first[inverse]
 
 
 def _facing_outwards(surface: Surface) -> Surface:

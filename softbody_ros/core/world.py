@@ -134,7 +134,7 @@ class World:
     def reset(self) -> None:
         """Return to tick 0: rest shapes at their start poses, initial velocities."""
         self.tick = 0
-        self._obstacles = tuple(contact.placed(item.config) for item in self._obstacles)
+        self._obstacles = tuple(contact.placed(item) for item in self.config.obstacles)
         self._batches = []
         for names, rest in zip(self._members, self._rests, strict=True):
             x = np.stack([_start_positions(self.body_config(name), rest) for name in names])
@@ -164,7 +164,10 @@ class World:
     def restore(self, snapshot: Snapshot) -> None:
         """Return to the state of a snapshot of this world."""
         self.tick = snapshot.tick
-        self._obstacles = snapshot.obstacles
+        self._obstacles = tuple(
+            Obstacle(config, saved.position, saved.rotation)
+            for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
+        )
         for batch, x, v in zip(self._batches, snapshot.x, snapshot.v, strict=True):
             batch.x[:], batch.v[:] = x, v
 
