@@ -81,14 +81,14 @@ def test_default_yaml_lists_every_parameter_with_its_default():
         ({'bodies': ['ground']}, 'the name ground is used twice'),
         ({'bodies': ['1st']}, "the name '1st' is not usable"),
         ({'bodies': 'ball'}, "bodies is 'ball': it must be a list of names"),
-        ({'ball.mass': 0.0}, 'ball.mass is 0: it must be from 1e-06 to 1e+06 kg'),
-        ({'ball.color': [1.0, 0.0, 0.0]}, 'ball.color is [1, 0, 0]: it must be 4 numbers'),
+        ({'ball.mass': 0.0}, 'ball.mass is 0.0: it must be from 1e-06 to 1e+06 kg'),
+        ({'ball.color': [1.0, 0.0, 0.0]}, 'ball.color is [1.0, 0.0, 0.0]: it must be 4 numbers'),
         ({'ball.mode': 'soft'}, "ball.mode is 'soft': choose one of rigid, linear, quadratic"),
         ({'frame_id': ''}, "frame_id is '': give the name of a frame"),
         ({'ball.friction': 2.0}, 'larger coefficients need friction_model coulomb'),
         (
             {'gravity.direction': [0.0, 0.0, 0.0]},
-            'gravity.direction is [0, 0, 0]: its length must not be zero',
+            'gravity.direction is [0.0, 0.0, 0.0]: its length must not be zero',
         ),
         (
             {'ball.mesh': 'package://no_such_package/ball.stl'},

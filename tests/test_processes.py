@@ -126,13 +126,13 @@ def test_field_checks_of_rclpy_find_nothing(graph):
     [
         ('ball: {mesh: missing.stl}', 'ball.mesh file missing.stl does not exist: check the path'),
         ('ball: {mesh: ball.step}', "ball.mesh 'ball.step' is neither a primitive"),
-        ('ball: {mass: -2}', 'ball.mass is -2: it must be from 1e-06 to 1e+06 kg'),
+        ('ball: {mass: -2}', 'ball.mass is -2.0: it must be from 1e-06 to 1e+06 kg'),
         ('ball: {mass: heavy}', "ball.mass is 'heavy': it must be a number"),
         ('ball: {stifness: 0.5}', 'unknown parameter ball.stifness: did you mean ball.stiffness?'),
-        ('ball: {position: [0.0, .nan, 0.0]}', 'ball.position is [0, nan, 0]'),
-        ('gravity: {direction: [0, 0, 0]}', 'gravity.direction is [0, 0, 0]'),
+        ('ball: {position: [0.0, .nan, 0.0]}', 'ball.position is [0.0, nan, 0.0]'),
+        ('gravity: {direction: [0, 0, 0]}', 'gravity.direction is [0.0, 0.0, 0.0]'),
         ('bodies: [two words]', "the name 'two words' is not usable"),
-        ('time_step: 0', 'time_step is 0: it must be from 1e-05 to 0.1 s'),
+        ('time_step: 0', 'time_step is 0.0: it must be from 1e-05 to 0.1 s'),
         ('ball: {position: [0.0, 0, 1.5]}', 'Sequence should be of same type'),
     ],
 )

@@ -1,130 +1,321 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Contact of particles with obstacles: signed distances, and impulses with restitution."""
+"""
+Contact of bodies with obstacles.
+
+A *deformable* body meets an obstacle particle by particle, with restitution and friction. That
+alone would let it sink in until enough light particles touch; so the obstacle also *carries its
+weight* as a whole, but no more than its weight: at rest the body keeps its shape, and an impact,
+whose forces are many times the weight, squashes it all the same. A *rigid* body gets the smallest
+impulses that keep all its touching particles from going deeper.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core.config import ConfigError, ObstacleConfig
+from softbody_ros.core import rigid_motion
+from softbody_ros.core.obstacles import SIGNED_DISTANCE, Obstacle
+from softbody_ros.core.rest_shape import RestShape
 
 if TYPE_CHECKING:
     from softbody_ros.core.dynamics import Gains
 
+SINKAGE = 0.01
+"""Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
+FRICTION_ROUNDS, FRICTION_SWEEPS = 4, 8
+MOST_SUPPORTS = 24
+"""Touching particles that the impulse on a rigid body takes into account, worst first."""
+
 
 @dataclass(frozen=True)
-class Obstacle:
+class Contacts:
     """
-    Where an obstacle is now.
+    The k particles of a batch that touch one obstacle.
 
     Attributes
     ----------
-    config : ObstacleConfig
-    position : (3,) float
-        m
-    rotation : (3, 3) float
-        its axes in world coordinates, as columns
+    body, particle : (k,) int
+    normal : (k, 3) float
+        out of the obstacle
+    depth : (k,) float
+        m, with the body's thickness
+    surface_velocity : (k, 3) float
+        of the obstacle at the particle, m/s
 
     """
 
-    config: ObstacleConfig
-    position: np.ndarray
-    rotation: np.ndarray
+    body: np.ndarray
+    particle: np.ndarray
+    normal: np.ndarray
+    depth: np.ndarray
+    surface_velocity: np.ndarray
 
+    def __len__(self) -> int:
+        return len(self.body)
 
-def placed(config: ObstacleConfig) -> Obstacle:
-    """
-    Return an obstacle at the pose of its config.
-
-    Raises
-    ------
-    ConfigError
-        if the type is not available yet.
-
-    """
-    if config.type not in SIGNED_DISTANCE:
-        raise ConfigError(
-            f'{config.prefix}type is {config.type!r}: that shape is not available yet, '
-            f'choose one of {", ".join(SIGNED_DISTANCE)}'
+    def where(self, selected: np.ndarray) -> Contacts:
+        """Return some of the contacts."""
+        return Contacts(
+            self.body[selected],
+            self.particle[selected],
+            self.normal[selected],
+            self.depth[selected],
+            self.surface_velocity[selected],
         )
-    rotation = Rotation.from_quat(config.orientation).as_matrix()
-    return Obstacle(config, np.array(config.position), rotation)
+
+    def after(self, shift: np.ndarray) -> Contacts:
+        """Return the contacts after particles have been shifted by a (B, 3, n) field, m."""
+        outwards = np.einsum('ij,ij->i', shift[self.body, :, self.particle], self.normal)
+        return dataclasses.replace(self, depth=np.maximum(self.depth - outwards, 0.0))
+
+    def along_normal(self, field: np.ndarray) -> np.ndarray:
+        """Return (k,): the normal components of a (B, 3, n) field, relative to the obstacle."""
+        relative = field[self.body, :, self.particle] - self.surface_velocity
+        return np.einsum('ij,ij->i', relative, self.normal)
 
 
-def moved(obstacle: Obstacle, h: float) -> Obstacle:
-    """Return an obstacle after h seconds at its own velocity."""
+# -------------------------------------------------------------------------------------- detection
+def find(x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray) -> Contacts:
+    """
+    Return the particles that are nearer to an obstacle than their body's thickness.
+
+    Parameters
+    ----------
+    x : (B, 3, n) float
+        m
+    obstacle : Obstacle
+    thickness : (B,) float
+        m
+
+    """
+    body, particle = _candidates(x, obstacle, thickness)
+    distance, normal = _distance(x[body, :, particle], obstacle)
+    depth = thickness[body] - distance
+    touching = depth > 0.0
+    body, particle = body[touching], particle[touching]
+    offsets = x[body, :, particle] - obstacle.position
     config = obstacle.config
-    if not any(config.velocity_linear) and not any(config.velocity_angular):
-        return obstacle
-    turn = Rotation.from_rotvec(h * np.array(config.velocity_angular)).as_matrix()
-    position = obstacle.position + h * np.array(config.velocity_linear)
-    return Obstacle(config, position, turn @ obstacle.rotation)
+    surface_velocity = np.array(config.velocity_linear) + np.cross(
+        config.velocity_angular, offsets
+    )
+    return Contacts(body, particle, normal[touching], depth[touching], surface_velocity)
 
 
-# ------------------------------------------------------------------------------- signed distances
-# Each takes points in the obstacle's frame, (k, 3), and half extents, (3,); it returns the
-# distances, (k,), negative inside, and the outward normals, (k, 3).
-def plane_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half space below z = 0."""
-    normals = np.zeros_like(points)
-    normals[:, 2] = 1.0
-    return points[:, 2], normals
+def joined(parts: Sequence[Contacts]) -> Contacts:
+    """Return the contacts with several obstacles as one."""
+    columns = zip(*(dataclasses.astuple(part) for part in parts), strict=True)
+    return Contacts(*(np.concatenate(column) for column in columns))
 
 
-def sphere_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ball of radius size[0]."""
-    radii = np.linalg.norm(points, axis=1)
-    return radii - size[0], _unit(points, radii)
+def depth_of_goals(
+    contacts: Contacts,
+    obstacle: Obstacle,
+    centre: np.ndarray,
+    goal: np.ndarray,
+    rest: RestShape,
+    gains: Gains,
+) -> np.ndarray:
+    """
+    Return (k,): how deep the goals of touching particles lie in the obstacle, m.
+
+    Parameters
+    ----------
+    contacts : Contacts
+    obstacle : Obstacle
+    centre : (B, 3) float
+        m
+    goal : (B, 3, F) float
+        goal transforms
+    rest : RestShape
+    gains : Gains
+
+    """
+    body, count = contacts.body, goal.shape[-1]
+    features = rest.features[1 : 1 + count, contacts.particle]
+    points = centre[body] + rest.scale * np.einsum('kif,fk->ki', goal[body], features)
+    distance, _ = _distance(points, obstacle)
+    return np.maximum(gains.thickness[body] - distance, 0.0)
 
 
-def capsule_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Capsule along z of radius size[0] and half length size[2], caps included."""
-    half = max(size[2] - size[0], 0.0)
-    offsets = points.copy()
-    offsets[:, 2] -= np.clip(points[:, 2], -half, half)
-    return sphere_distance(offsets, size)
+def _distance(points: np.ndarray, obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray]:
+    """Return signed distances (k,) and outward normals (k, 3) of points (k, 3), all in m."""
+    local = (points - obstacle.position) @ obstacle.rotation
+    signed_distance = SIGNED_DISTANCE[obstacle.config.type]
+    distance, normal = signed_distance(local, np.array(obstacle.config.size))
+    return distance, normal @ obstacle.rotation.T
 
 
-def box_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Box of half extents size."""
-    excess = np.abs(points) - size
-    outside = np.maximum(excess, 0.0)
-    gap = np.linalg.norm(outside, axis=1)
-    depth = excess.max(axis=1)
-    nearest_face = np.eye(3)[excess.argmax(axis=1)]
-    normals = np.where((depth > 0.0)[:, None], _unit(outside, gap), nearest_face)
-    return np.where(depth > 0.0, gap, depth), np.copysign(normals, points)
+def _candidates(
+    x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return body and particle indices of those that may touch: a cheap test for all."""
+    if obstacle.config.type == 'plane':
+        normal = obstacle.rotation[:, 2]
+        height = np.matmul(normal.astype(x.dtype), x)
+        limit = obstacle.position @ normal + thickness
+        body, particle = np.nonzero(height < limit.astype(x.dtype)[:, None])
+        return body, particle
+    reach = np.linalg.norm(obstacle.config.size)
+    offsets = x - obstacle.position.astype(x.dtype)[:, None]
+    square = np.einsum('bij,bij->bj', offsets, offsets)
+    body, particle = np.nonzero(square < ((reach + thickness) ** 2)[:, None])
+    return body, particle
 
 
-def _unit(vectors: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    sideways = np.array([1.0, 0.0, 0.0])  # the way out from the axis of a capsule
-    safe = np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    return np.where((lengths > 0.0)[:, None], vectors / safe, sideways)
+# -------------------------------------------------------------------------------------- deformable
+@dataclass(frozen=True)
+class Patch:
+    """
+    Where bodies touch an obstacle, seen as rigid bodies of their present shape.
+
+    Attributes
+    ----------
+    contacts : Contacts
+    weight : (k,) float
+        share of the body's mass that each touching particle has
+    share : (k,) float
+        share of the touching mass
+    arms : (k, 3) float
+        from the centre of mass, m
+    speed : (B,) float
+        of the patch, along the normal away from the obstacle, m/s
+    centre : (B, 3) float
+        m
+    tensor : (B, 3, 3) float
+        inertia per mass, m²
+
+    """
+
+    contacts: Contacts
+    weight: np.ndarray
+    share: np.ndarray
+    arms: np.ndarray
+    speed: np.ndarray
+    centre: np.ndarray
+    tensor: np.ndarray
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Return the means (B,) of values (k,) over the patches."""
+        return _per_body(self.share * values, self.contacts.body, len(self.centre))
+
+    def motion_by(self, impulse: np.ndarray, x: np.ndarray, rest: RestShape) -> np.ndarray:
+        """Return the rigid motions (B, 3, n) that impulses (k,) along the normals cause, m/s."""
+        impulses = impulse[:, None] * self.contacts.normal
+        linear = _per_body(impulses, self.contacts.body, len(x))
+        spin = _per_body(np.cross(self.arms, impulses), self.contacts.body, len(x))
+        angular = rigid_motion.angular_velocity(spin, self.tensor, rest)
+        return rigid_motion.field(x, self.centre, linear, angular)
 
 
-SIGNED_DISTANCE = {
-    'plane': plane_distance,
-    'box': box_distance,
-    'sphere': sphere_distance,
-    'capsule': capsule_distance,
-}
+def patch_of(
+    x: np.ndarray, v: np.ndarray, contacts: Contacts, centre: np.ndarray, rest: RestShape
+) -> Patch:
+    """Return the patches of all bodies that touch; x, v (B, 3, n), centre (B, 3)."""
+    body, particle = contacts.body, contacts.particle
+    weight = rest.weights[particle].astype(np.float64)
+    # a particle without area has no weight: it must not divide by zero
+    weight = np.maximum(weight, 1e-300)
+    share = weight / _per_body(weight, body, len(x))[body]
+    tensor = rigid_motion.inertia(x, centre, rest)
+    spin = rigid_motion.angular_momentum(x, v, centre, rest)
+    angular = rigid_motion.angular_velocity(spin, tensor, rest)
+    arms = x[body, :, particle] - centre[body]
+    motion = (v @ rest.weights)[body] + np.cross(angular[body], arms) - contacts.surface_velocity
+    normal_speed = np.einsum('ij,ij->i', motion, contacts.normal)
+    speed = _per_body(share * normal_speed, body, len(x))
+    return Patch(contacts, weight, share, arms, speed, centre, tensor)
 
 
-# ---------------------------------------------------------------------------------------- impulse
+def carried_weight(
+    patch: Patch, sunk: np.ndarray, gravity: np.ndarray, rest: RestShape, h: float
+) -> np.ndarray:
+    """
+    Return the impulses by which the obstacle carries the weight of bodies that sink into it.
+
+    A critically damped spring between goal shape and obstacle, soft enough for the step, pushes
+    the body as a whole, with at most its weight: so it takes little part in an impact, cannot
+    throw a body up, and does nothing without gravity.
+
+    Parameters
+    ----------
+    patch : Patch
+    sunk : (k,) float
+        depth of each touching particle's goal, m, not negative
+    gravity : (3,) float
+        m/s²
+    rest : RestShape
+    h : float
+        s
+
+    Returns
+    -------
+    (k,) float
+        per mass, along the normals, m/s
+
+    """
+    depth = patch.mean(sunk)
+    load = patch.mean(np.maximum(-patch.contacts.normal @ gravity, 0.0))
+    softness = np.maximum(SINKAGE * rest.scale, 4.0 * load * h**2)
+    spring = load * -np.expm1(-depth / softness)
+    damper = 2.0 * np.sqrt(load / softness) * patch.speed
+    push = h * np.clip(spring - damper, 0.0, load)
+    pressure = sunk / np.where(depth > 0.0, depth, 1.0)[patch.contacts.body]
+    return push[patch.contacts.body] * patch.share * pressure
+
+
+def absorbed_rebound(
+    patch: Patch, push: np.ndarray, gains: Gains, gravity: float, rest: RestShape
+) -> np.ndarray:
+    """
+    Return the impulses that a body of little elasticity does not get back when it rebounds.
+
+    Restitution of particles alone has next to no effect on the body, even the wrong one: it is the
+    shape that throws it back. So while the patch moves away from the obstacle, the share
+    (1 − ε) / 2 of what the obstacle gives is taken from the body as a whole (Poisson's view of
+    restitution). It only ever takes energy.
+
+    Parameters
+    ----------
+    patch : Patch
+    push : (k,) float
+        speeds that touching particles have got from the obstacle, m/s
+    gains : Gains
+    gravity : float
+        m/s²
+    rest : RestShape
+
+    Returns
+    -------
+    (k,) float
+        per mass, along the normals, not positive, m/s
+
+    """
+    # fades out at the speeds of a body that settles, whose weight must be carried in full
+    settling = np.sqrt(max(gravity, 1e-300) * SINKAGE * rest.scale)
+    leaving = np.clip(patch.speed / settling, 0.0, 1.0)
+    lost = 0.5 * (1.0 - gains.elasticity) * leaving
+    return -lost[patch.contacts.body] * patch.weight * push
+
+
 def collide(
     x: np.ndarray,
     v: np.ndarray,
     approach: np.ndarray,
     start: np.ndarray,
-    obstacle: Obstacle,
+    contacts: Contacts,
+    carried: np.ndarray,
     gains: Gains,
-    gravity: float,
+    slow: float,
     h: float,
-) -> None:
+) -> np.ndarray:
     """
     Project particles out of an obstacle and change their velocities, in place.
 
@@ -139,69 +330,234 @@ def collide(
         velocities before matching, m/s
     start : (B, 3, n) float
         positions at the last tick, m: what does not slide returns there
-    obstacle : Obstacle
+    contacts : Contacts
+    carried : (k,) float
+        load that is carried besides, as speed, m/s
     gains : Gains
-    gravity : float
-        magnitude, m/s²; speeds below 2 |g| h do not bounce
+    slow : float
+        speed up to which nothing bounces, m/s
     h : float
         s
 
-    """
-    body, particle = _candidates(x, obstacle, gains.thickness)
-    if not len(body):
-        return
-    config, rotation = obstacle.config, obstacle.rotation
-    points = x[body, :, particle].astype(np.float64)
-    offsets = points - obstacle.position
-    distance, normal = SIGNED_DISTANCE[config.type](offsets @ rotation, np.array(config.size))
-    depth = gains.thickness[body] - distance
-    touching = depth > 0.0
-    if not touching.any():
-        return
-    body, particle, offsets = body[touching], particle[touching], offsets[touching]
-    normal, depth = normal[touching] @ rotation.T, depth[touching]
+    Returns
+    -------
+    (k,) float
+        speeds that the particles have got along the normals, m/s
 
-    surface_velocity = np.array(config.velocity_linear) + np.cross(
-        config.velocity_angular, offsets
-    )
-    relative = v[body, :, particle] - surface_velocity
+    """
+    body, particle, normal = contacts.body, contacts.particle, contacts.normal
+    points = x[body, :, particle]
+    relative = v[body, :, particle] - contacts.surface_velocity
     normal_speed = np.einsum('ij,ij->i', relative, normal)
-    approach_speed = np.einsum('ij,ij->i', approach[body, :, particle] - surface_velocity, normal)
-    bounce = np.where(
-        approach_speed < -2.0 * gravity * h, -gains.elasticity[body] * approach_speed, 0.0
-    )
+    approach_speed = contacts.along_normal(approach)
+    bounce = np.where(approach_speed < -slow, -gains.elasticity[body] * approach_speed, 0.0)
     push = np.maximum(bounce - normal_speed, 0.0)
 
     tangential = relative - normal_speed[:, None] * normal
     sliding_speed = np.linalg.norm(tangential, axis=1)
     friction = gains.friction[body]
-    coulomb_kept = 1.0 - np.minimum(
-        friction * push / np.where(sliding_speed > 0.0, sliding_speed, 1.0), 1.0
-    )
+    bound = friction * (push + carried)
+    coulomb_kept = 1.0 - np.minimum(bound / np.where(sliding_speed > 0.0, sliding_speed, 1.0), 1.0)
     kept = np.where(gains.coulomb[body], coulomb_kept, 1.0 - friction)
 
-    slid = points[touching] - start[body, :, particle] - h * surface_velocity
+    slid = points - start[body, :, particle] - h * contacts.surface_velocity
     slid -= np.einsum('ij,ij->i', slid, normal)[:, None] * normal
-    x[body, :, particle] = (
-        points[touching] + depth[:, None] * normal - (1.0 - kept)[:, None] * slid
-    )
+    depth = contacts.depth[:, None]
+    x[body, :, particle] = points + depth * normal - (1.0 - kept)[:, None] * slid
     v[body, :, particle] = (
-        surface_velocity + (normal_speed + push)[:, None] * normal + kept[:, None] * tangential
+        contacts.surface_velocity
+        + (normal_speed + push)[:, None] * normal
+        + kept[:, None] * tangential
     )
+    return push
 
 
-def _candidates(
-    x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return body and particle indices of those that may touch: inside the bounding half space."""
-    if obstacle.config.type == 'plane':
-        normal = obstacle.rotation[:, 2]
-        height = np.matmul(normal.astype(x.dtype), x)
-        limit = obstacle.position @ normal + thickness
-        body, particle = np.nonzero(height < limit.astype(x.dtype)[:, None])
-        return body, particle
-    reach = np.linalg.norm(obstacle.config.size)
-    offsets = x - obstacle.position.astype(x.dtype)[:, None]
-    square = np.einsum('bij,bij->bj', offsets, offsets)
-    body, particle = np.nonzero(square < ((reach + thickness) ** 2)[:, None])
-    return body, particle
+def _per_body(values: np.ndarray, body: np.ndarray, bodies: int) -> np.ndarray:
+    """Return the sums over each body's contacts, (B,) or (B, 3), in a fixed order."""
+    if values.ndim == 1:
+        return np.bincount(body, values, bodies)
+    columns = [np.bincount(body, column, bodies) for column in values.T]
+    return np.stack(columns, axis=-1)
+
+
+# ------------------------------------------------------------------------------------------- rigid
+def collide_rigid(
+    x: np.ndarray,
+    v: np.ndarray,
+    contacts: Contacts,
+    rest: RestShape,
+    gravity: np.ndarray,
+    gains: Gains,
+    slow: float,
+    h: float,
+) -> None:
+    """
+    Give rigid bodies the impulses that keep their touching particles out, in place.
+
+    Parameters
+    ----------
+    x, v : (B, 3, n) float
+        m, m/s, of rigid motions
+    contacts : Contacts
+    rest : RestShape
+    gravity : (3,) float
+        m/s²
+    gains : Gains
+    slow : float
+        speed up to which nothing bounces, m/s
+    h : float
+        s
+
+    """
+    for body in np.unique(contacts.body):
+        own = contacts.where(contacts.body == body)
+        positions, velocities = x[body : body + 1], v[body : body + 1]
+        centre = (positions @ rest.weights).astype(np.float64)
+        tensor = rigid_motion.inertia(positions, centre, rest)
+        spin = rigid_motion.angular_momentum(positions, velocities, centre, rest)
+        omega = rigid_motion.angular_velocity(spin, tensor, rest)[0]
+        linear = velocities[0] @ rest.weights
+
+        arms = x[body, :, own.particle] - centre[0]
+        mobility = np.zeros((6, 6))
+        mobility[:3, :3] = np.eye(3)
+        floor = rigid_motion.INERTIA_FLOOR * rest.scale**2
+        mobility[3:, 3:] = np.linalg.inv(tensor[0] + floor * np.eye(3))
+        before = np.concatenate([linear, omega])
+        motion, bounced = _impulses(before, mobility, arms, own, gravity, gains, slow)
+
+        # a load acts all through the tick, a bounce happens at the surface: see push_out
+        change = np.zeros(6) if bounced else 0.5 * h * (motion - before)
+        offsets = Rotation.from_rotvec(change[3:]).apply((x[body] - centre[0][:, None]).T).T
+        x[body] = offsets + (centre[0] + change[:3])[:, None]
+        v[body] = motion[:3, None] + np.cross(motion[3:], offsets, axisb=0, axisc=0)
+
+
+def _impulses(
+    motion: np.ndarray,
+    mobility: np.ndarray,
+    arms: np.ndarray,
+    contacts: Contacts,
+    gravity: np.ndarray,
+    gains: Gains,
+    slow: float,
+) -> tuple[np.ndarray, bool]:
+    """Return the motion (linear, angular) of a body after its impulses, and whether it bounced."""
+    body = contacts.body[0]
+    normals = np.hstack([contacts.normal, np.cross(arms, contacts.normal)])
+    speed = normals @ motion - np.einsum('ij,ij->i', contacts.normal, contacts.surface_velocity)
+    # what gravity has added since the deepest particle touched must not bounce
+    fallen = np.max(-2.0 * (contacts.normal @ gravity) * contacts.depth)
+    impact = np.sqrt(np.maximum(speed**2 - fallen, 0.0))
+    wanted = np.where(speed < -slow, gains.elasticity[body] * impact, 0.0)
+    rubbed = _coulomb if gains.coulomb[body] else _viscous
+    friction = np.zeros(6)
+    # friction tips a body over its contacts and the contacts carry the friction: take turns
+    for _ in range(FRICTION_ROUNDS):
+        impulse = _least_impulses(normals, mobility, wanted - speed - normals @ friction)
+        pushed = np.flatnonzero(impulse)
+        pressed = motion + mobility @ (normals[pushed].T @ impulse[pushed])
+        if not len(pushed):
+            friction[:] = 0.0
+            break
+        at_contacts = (arms[pushed], contacts.where(pushed), impulse[pushed])
+        friction = rubbed(pressed, mobility, *at_contacts, gains.friction[body]) - pressed
+    return pressed + friction, bool(wanted.any())
+
+
+def _coulomb(
+    motion: np.ndarray,
+    mobility: np.ndarray,
+    arms: np.ndarray,
+    contacts: Contacts,
+    impulse: np.ndarray,
+    friction: float,
+) -> np.ndarray:
+    """Return the motion after friction impulses of at most μ λ at each particle."""
+    planes = [np.linalg.svd(normal[None])[2][1:] for normal in contacts.normal]
+    rows = np.stack(
+        [
+            plane @ np.hstack([np.eye(3), np.cross(arm, np.eye(3))])
+            for plane, arm in zip(planes, arms, strict=True)
+        ]
+    )
+    surface = np.einsum('kij,kj->ki', np.stack(planes), contacts.surface_velocity)
+    bound = friction * impulse
+    # does it stick?
+    flat = rows.reshape(-1, 6)
+    holding = np.linalg.lstsq(
+        flat @ mobility @ flat.T, (surface - rows @ motion).ravel(), rcond=None
+    )[0]
+    if (np.linalg.norm(holding.reshape(-1, 2), axis=1) <= bound).all():
+        return motion + mobility @ (flat.T @ holding)
+    given = np.zeros((len(arms), 2))
+    softest = [np.linalg.eigvalsh(row @ mobility @ row.T)[-1] for row in rows]
+    for _ in range(FRICTION_SWEEPS):
+        for index, row in enumerate(rows):
+            total = given[index] + (surface[index] - row @ motion) / softest[index]
+            size = np.linalg.norm(total)
+            total *= min(1.0, bound[index] / size) if size > 0.0 else 0.0
+            motion = motion + mobility @ (row.T @ (total - given[index]))
+            given[index] = total
+    return motion
+
+
+def _viscous(
+    motion: np.ndarray,
+    mobility: np.ndarray,
+    arms: np.ndarray,
+    contacts: Contacts,
+    impulse: np.ndarray,
+    friction: float,
+) -> np.ndarray:
+    """Return the motion without its share of the sliding velocity at the centre of pressure."""
+    share = impulse / max(impulse.sum(), 1e-300)
+    normal = share @ contacts.normal
+    row = np.hstack([np.eye(3), np.cross(share @ arms, np.eye(3))])
+    velocity = row @ motion - share @ contacts.surface_velocity
+    velocity -= (velocity @ normal) * normal
+    speed = np.linalg.norm(velocity)
+    if speed == 0.0:
+        return motion
+    along = velocity / speed @ row
+    return motion - friction * speed / (along @ mobility @ along) * (mobility @ along)
+
+
+def _least_impulses(rows: np.ndarray, mobility: np.ndarray, needed: np.ndarray) -> np.ndarray:
+    """
+    Return the smallest impulses λ ≥ 0 (k,) after which rows · motion has changed by `needed`.
+
+    Smallest in kinetic energy: least distance programming, solved as non-negative least squares
+    (Lawson and Hanson, Solving Least Squares Problems, chapter 23). Constraints enter one at a
+    time, the most violated first.
+    """
+    impulse = np.zeros(len(rows))
+    largest = needed.max()
+    if largest <= 0.0:
+        return impulse
+    needed = needed / largest
+    root = np.linalg.cholesky(mobility)
+    scaled = rows @ root
+    active: list[int] = []
+    for _ in range(MOST_SUPPORTS):
+        missing = needed - scaled @ (scaled.T @ impulse)
+        worst = int(missing.argmax())
+        if missing[worst] < 1e-9 or worst in active:
+            break
+        active.append(worst)
+        system = np.vstack([scaled[active].T, needed[active]])
+        solution = nnls(system, np.eye(7)[6])[0]
+        slack = 1.0 - needed[active] @ solution
+        if slack < 1e-12:  # no motion satisfies all: the body is wedged
+            break
+        impulse[:] = 0.0
+        impulse[active] = solution / slack
+    return impulse * largest
+
+
+def push_out(x: np.ndarray, contacts: Contacts) -> None:
+    """Move rigid bodies by their deepest particle's depth, in place."""
+    deepest_first = np.argsort(-contacts.depth, kind='stable')
+    bodies, index = np.unique(contacts.body[deepest_first], return_index=True)
+    deepest = deepest_first[index]
+    x[bodies] += (contacts.depth[deepest, None] * contacts.normal[deepest])[..., None]

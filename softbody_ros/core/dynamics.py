@@ -10,14 +10,15 @@ import math
 
 import numpy as np
 
-from softbody_ros.core import contact, matching
+from softbody_ros.core import contact, matching, rigid_motion
 from softbody_ros.core.config import BodyConfig
-from softbody_ros.core.contact import Obstacle
+from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
 
 LARGEST_MOMENT = 1e100
-INERTIA_FLOOR = 1e-13
-"""Share of its own size added to an inertia tensor: a rod has none about its axis."""
+PUSH_OUT_ROUNDS = 3
+SLOW_TICKS = 2.0
+"""What gravity adds in so many ticks is too slow to bounce, so that bodies come to rest."""
 
 
 class SimulationError(ArithmeticError):
@@ -174,7 +175,8 @@ def step(
     """
     Compute the next tick of a batch into `next_x` and `next_v`.
 
-    Predict, match, correct, collide. Matching conserves momentum and angular momentum exactly.
+    Predict, match, correct, collide. Free flight is exact: a parabola at any step, with momentum
+    and angular momentum conserved to rounding.
 
     Parameters
     ----------
@@ -193,35 +195,40 @@ def step(
 
     """
     rest, x, v = batch.rest, batch.next_x, batch.next_v
+    predict(batch.x, batch.v, gravity, h, out=x)
     accelerate(batch.v, gravity, h, out=v)
-    predict(batch.x, v, h, out=x)
     approach = v.copy() if obstacles else v
 
     centre, moment = matching.moments(x, rest, gains.features)
     require_finite(moment)
     rotations = matching.rotation(moment)
     fits = fit_of_each_mode(moment, rotations, rest, gains)
-    drift, spin = v @ rest.weights, angular_momentum(x, v, centre, rest)
+    drift, spin = v @ rest.weights, rigid_motion.angular_momentum(x, v, centre, rest)
 
-    pull(x, v, centre, fits, rotations, rest, gains, h)
+    goal = pull(x, v, centre, fits, rotations, rest, gains, h)
     restore_momentum(v, drift, rest)
     restore_angular_momentum(x, v, centre, spin, rest)
 
     for obstacle in obstacles:
-        contact.collide(
-            x, v, approach, batch.x, obstacle, gains, float(np.linalg.norm(gravity)), h
-        )
+        contacts = contact.find(x, obstacle, gains.thickness)
+        contacts = contacts.where(~gains.rigid[contacts.body])
+        if len(contacts):
+            sunk = contact.depth_of_goals(contacts, obstacle, centre, goal, rest, gains)
+            meet_obstacle(x, v, approach, batch.x, contacts, sunk, centre, rest, gravity, gains, h)
+    if obstacles and gains.rigid.any():
+        rigid_bodies_meet_obstacles(x, v, obstacles, rest, gravity, gains, h)
+
+
+def predict(x: np.ndarray, v: np.ndarray, gravity: np.ndarray, h: float, out: np.ndarray) -> None:
+    """Write x + h v + h² g / 2, where a free particle will be."""
+    np.multiply(v, h, out=out)
+    out += x
+    out += (0.5 * h**2 * gravity).astype(x.dtype)[:, None]
 
 
 def accelerate(v: np.ndarray, gravity: np.ndarray, h: float, out: np.ndarray) -> None:
     """Write v + h g."""
     np.add(v, (h * gravity).astype(v.dtype)[:, None], out=out)
-
-
-def predict(x: np.ndarray, v: np.ndarray, h: float, out: np.ndarray) -> None:
-    """Write x + h v."""
-    np.multiply(v, h, out=out)
-    out += x
 
 
 def require_finite(moment: np.ndarray) -> None:
@@ -252,61 +259,36 @@ def pull(
     rest: RestShape,
     gains: Gains,
     h: float,
-) -> None:
-    """Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h."""
+) -> np.ndarray:
+    """
+    Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h.
 
-    def towards_goal(
-        deformation: np.ndarray, conservation: np.ndarray, gain: np.ndarray
-    ) -> np.ndarray:
-        transform = matching.blended(fits, rotations, deformation)
-        transform = matching.with_volume(transform, rest, conservation)
-        difference = matching.goals(centre, transform, rest)
-        difference -= x
-        difference *= gain.astype(x.dtype)[:, None, None]
-        return difference
+    Returns
+    -------
+    (B, 3, F) float
+        the transform of the velocities' goals
 
-    position_change = towards_goal(
-        gains.position_deformation, gains.position_conservation, gains.position
-    )
-    v += towards_goal(gains.velocity_deformation, gains.velocity_conservation, gains.velocity / h)
+    """
+
+    def transform(deformation: np.ndarray, conservation: np.ndarray) -> np.ndarray:
+        blended = matching.blended(fits, rotations, deformation)
+        return matching.with_volume(blended, rest, conservation)
+
+    def difference(goal: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        result = matching.goals(centre, goal, rest)
+        result -= x
+        result *= gain.astype(x.dtype)[:, None, None]
+        return result
+
+    position_goal = transform(gains.position_deformation, gains.position_conservation)
+    velocity_goal = transform(gains.velocity_deformation, gains.velocity_conservation)
+    position_change = difference(position_goal, gains.position)
+    v += difference(velocity_goal, gains.velocity / h)
     x += position_change
     if gains.rigid.any():
         # nothing deforms: the mean velocity, to which the angular momentum adds the rotation
         v[gains.rigid] = (v[gains.rigid] @ rest.weights)[..., None]
-
-
-def angular_momentum(
-    x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape
-) -> np.ndarray:
-    """Return (B, 3): Σ w (x − centre) × v, angular momentum per mass, m²/s."""
-    arms = (x - centre.astype(x.dtype)[..., None]) * rest.weights
-    product = np.matmul(arms, v.transpose(0, 2, 1)).astype(np.float64, copy=False)
-    return np.stack(
-        [
-            product[:, 1, 2] - product[:, 2, 1],
-            product[:, 2, 0] - product[:, 0, 2],
-            product[:, 0, 1] - product[:, 1, 0],
-        ],
-        axis=-1,
-    )
-
-
-def inertia(x: np.ndarray, centre: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return (B, 3, 3): the inertia tensor per mass about the centre of mass, m²."""
-    offsets = x - centre.astype(x.dtype)[..., None]
-    gram = np.matmul(offsets * rest.weights, offsets.transpose(0, 2, 1)).astype(np.float64)
-    trace = np.trace(gram, axis1=1, axis2=2)
-    return trace[:, None, None] * np.eye(3) - gram
-
-
-def angular_velocity(spin: np.ndarray, tensor: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return (B, 3): the ω of a rigid body with this angular momentum and inertia, rad/s."""
-    floor = INERTIA_FLOOR * (np.trace(tensor, axis1=1, axis2=2) + rest.scale**2)
-    raised = tensor + floor[:, None, None] * np.eye(3)
-    omega = np.linalg.solve(raised, spin[..., None])
-    # one refinement takes the floor's own error away
-    omega += np.linalg.solve(raised, spin[..., None] - tensor @ omega)
-    return omega[..., 0]
+    return velocity_goal
 
 
 def restore_momentum(v: np.ndarray, drift: np.ndarray, rest: RestShape) -> None:
@@ -323,9 +305,66 @@ def restore_angular_momentum(
     The pull conserves it to first order only: moving the particles by s (g − x) changes the
     inertia under their velocities, and clamped goals exert a torque.
     """
-    lost = spin - angular_momentum(x, v, centre, rest)
-    omega = angular_velocity(lost, inertia(x, centre, rest), rest)
-    turn = np.zeros((len(omega), 3, 3))
-    turn[:, [2, 0, 1], [1, 2, 0]] = omega
-    turn[:, [1, 2, 0], [2, 0, 1]] = -omega
-    v += np.matmul(turn.astype(v.dtype), x - centre.astype(x.dtype)[..., None])
+    lost = spin - rigid_motion.angular_momentum(x, v, centre, rest)
+    tensor = rigid_motion.inertia(x, centre, rest)
+    omega = rigid_motion.angular_velocity(lost, tensor, rest)
+    v += rigid_motion.field(x, centre, np.zeros_like(omega), omega)
+
+
+def meet_obstacle(
+    x: np.ndarray,
+    v: np.ndarray,
+    approach: np.ndarray,
+    start: np.ndarray,
+    contacts: contact.Contacts,
+    sunk: np.ndarray,
+    centre: np.ndarray,
+    rest: RestShape,
+    gravity: np.ndarray,
+    gains: Gains,
+    h: float,
+) -> None:
+    """Let deformable bodies meet an obstacle: as wholes, by their particles, as wholes again."""
+    strength = float(np.linalg.norm(gravity))
+    patch = contact.patch_of(x, v, contacts, centre, rest)
+    carried = contact.carried_weight(patch, sunk, gravity, rest, h)
+    lift = patch.motion_by(carried, x, rest)
+    v += lift
+    lift *= 0.5 * h
+    x += lift
+    push = contact.collide(
+        x,
+        v,
+        approach,
+        start,
+        contacts.after(lift),
+        carried / patch.weight,
+        gains,
+        SLOW_TICKS * h * strength,
+        h,
+    )
+    v += patch.motion_by(contact.absorbed_rebound(patch, push, gains, strength, rest), x, rest)
+
+
+def rigid_bodies_meet_obstacles(
+    x: np.ndarray,
+    v: np.ndarray,
+    obstacles: Sequence[Obstacle],
+    rest: RestShape,
+    gravity: np.ndarray,
+    gains: Gains,
+    h: float,
+) -> None:
+    """Let rigid bodies meet all obstacles at once, then move them out of each."""
+
+    def touching(obstacle: Obstacle) -> contact.Contacts:
+        contacts = contact.find(x, obstacle, gains.thickness)
+        return contacts.where(gains.rigid[contacts.body])
+
+    contacts = contact.joined([touching(obstacle) for obstacle in obstacles])
+    if len(contacts):
+        slow = SLOW_TICKS * h * float(np.linalg.norm(gravity))
+        contact.collide_rigid(x, v, contacts, rest, gravity, gains, slow, h)
+        for _ in range(PUSH_OUT_ROUNDS):
+            for obstacle in obstacles:
+                contact.push_out(x, touching(obstacle))

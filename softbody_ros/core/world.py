@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import contact, dynamics, matching
+from softbody_ros.core import dynamics, matching, obstacles, rigid_motion
 from softbody_ros.core.config import BodyConfig, ConfigError, WorldConfig, settings, unknown_name
-from softbody_ros.core.contact import Obstacle
 from softbody_ros.core.dynamics import Batch, Gains, SimulationError
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 
 
@@ -81,7 +81,7 @@ class World:
         self.config = config
         self.tick = 0
         self._dtype = dtype
-        self._obstacles = tuple(contact.placed(obstacle) for obstacle in config.obstacles)
+        self._obstacles = tuple(obstacles.placed(obstacle) for obstacle in config.obstacles)
         self._members = _members_by_shape(config.bodies)
         self._place = {
             name: (batch, row)
@@ -114,11 +114,11 @@ class World:
         """
         gravity, h = self.config.gravity, self.config.time_step
         for _ in range(ticks):
-            obstacles = tuple(contact.moved(obstacle, h) for obstacle in self._obstacles)
+            moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
             for batch, gains, names in zip(self._batches, self._gains, self._members, strict=True):
                 try:
                     with np.errstate(over='ignore', invalid='ignore'):
-                        dynamics.step(batch, gains, gravity, obstacles, h)
+                        dynamics.step(batch, gains, gravity, moved, h)
                 except (SimulationError, np.linalg.LinAlgError) as error:
                     raise SimulationError(
                         f'tick {self.tick + 1} of {", ".join(names)} cannot be computed '
@@ -127,14 +127,14 @@ class World:
                     ) from error
             for batch in self._batches:
                 batch.swap()
-            self._obstacles = obstacles
+            self._obstacles = moved
             self.tick += 1
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
         """Return to tick 0: rest shapes at their start poses, initial velocities."""
         self.tick = 0
-        self._obstacles = tuple(contact.placed(item) for item in self.config.obstacles)
+        self._obstacles = tuple(obstacles.placed(item) for item in self.config.obstacles)
         self._batches = []
         for names, rest in zip(self._members, self._rests, strict=True):
             x = np.stack([_start_positions(self.body_config(name), rest) for name in names])
@@ -244,8 +244,9 @@ class World:
         centre, moment = matching.moments(x, rest, 3)
         rotations = matching.rotation(moment)
         goal = matching.goals(centre, rotations, rest)
-        spin = dynamics.angular_momentum(x, v, centre, rest)
-        omega = dynamics.angular_velocity(spin, dynamics.inertia(x, centre, rest), rest)[0]
+        spin = rigid_motion.angular_momentum(x, v, centre, rest)
+        tensor = rigid_motion.inertia(x, centre, rest)
+        omega = rigid_motion.angular_velocity(spin, tensor, rest)[0]
         to_origin = -rotations[0] @ rest.centre
         return RigidFit(
             position=centre[0] + to_origin,
@@ -290,7 +291,7 @@ def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
 
 
 def _reconfigured(current: Obstacle, config: object) -> Obstacle:
-    target = contact.placed(config)  # type: ignore[arg-type]
+    target = obstacles.placed(config)  # type: ignore[arg-type]
     same_pose = (
         current.config.position == target.config.position
         and current.config.orientation == target.config.orientation
