@@ -504,8 +504,9 @@ def test_the_height_does_not_depend_on_the_resolution(mode):
 
 @pytest.mark.parametrize('mode', MODES)
 def test_the_height_hardly_depends_on_the_step(mode):
+    # a coarse rigid ball is a die: which face it falls on in the end is another matter
     runs = [
-        heights(drop(subdivisions=2, h=1 / hertz, mode=mode), 2.0, every=hertz // 60)[0]
+        heights(drop(subdivisions=3, h=1 / hertz, mode=mode), 1.5, every=hertz // 60)[0]
         for hertz in (60, 240, 960)
     ]
     assert np.abs(runs[0] - runs[2]).max() < 0.05

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 SINKAGE = 0.01
 """Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
+SETTLED = 0.1
+"""Speed, in those of a body that falls by `SINKAGE`, up to which a body does not rebound."""
 FRICTION_ROUNDS, FRICTION_SWEEPS = 4, 8
 MOST_SUPPORTS = 24
 """Touching particles that the impulse on a rigid body takes into account, worst first."""
@@ -189,8 +191,8 @@ class Patch:
         of the patch, along the normal away from the obstacle, m/s
     centre : (B, 3) float
         m
-    tensor : (B, 3, 3) float
-        inertia per mass, m²
+    inverse_inertia : (B, 3, 3) float
+        per mass, 1/m²
 
     """
 
@@ -200,38 +202,55 @@ class Patch:
     arms: np.ndarray
     speed: np.ndarray
     centre: np.ndarray
-    tensor: np.ndarray
+    inverse_inertia: np.ndarray
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the means (B,) of values (k,) over the patches."""
         return _per_body(self.share * values, self.contacts.body, len(self.centre))
 
-    def motion_by(self, impulse: np.ndarray, x: np.ndarray, rest: RestShape) -> np.ndarray:
+    def motion_by(self, impulse: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return the rigid motions (B, 3, n) that impulses (k,) along the normals cause, m/s."""
         impulses = impulse[:, None] * self.contacts.normal
         linear = _per_body(impulses, self.contacts.body, len(x))
         spin = _per_body(np.cross(self.arms, impulses), self.contacts.body, len(x))
-        angular = rigid_motion.angular_velocity(spin, self.tensor, rest)
+        angular = rigid_motion.applied(self.inverse_inertia, spin)
         return rigid_motion.field(x, self.centre, linear, angular)
 
 
 def patch_of(
-    x: np.ndarray, v: np.ndarray, contacts: Contacts, centre: np.ndarray, rest: RestShape
+    x: np.ndarray,
+    contacts: Contacts,
+    centre: np.ndarray,
+    drift: np.ndarray,
+    spin: np.ndarray,
+    inverse_inertia: np.ndarray,
+    rest: RestShape,
 ) -> Patch:
-    """Return the patches of all bodies that touch; x, v (B, 3, n), centre (B, 3)."""
+    """
+    Return where bodies touch an obstacle.
+
+    Parameters
+    ----------
+    x : (B, 3, n) float
+        m
+    contacts : Contacts
+    centre, drift, spin : (B, 3) float
+        centre of mass, m, momentum, m/s, and angular momentum, m²/s, per mass
+    inverse_inertia : (B, 3, 3) float
+        1/m²
+    rest : RestShape
+
+    """
     body, particle = contacts.body, contacts.particle
-    weight = rest.weights[particle].astype(np.float64)
     # a particle without area has no weight: it must not divide by zero
-    weight = np.maximum(weight, 1e-300)
+    weight = np.maximum(rest.weights[particle].astype(np.float64), 1e-300)
     share = weight / _per_body(weight, body, len(x))[body]
-    tensor = rigid_motion.inertia(x, centre, rest)
-    spin = rigid_motion.angular_momentum(x, v, centre, rest)
-    angular = rigid_motion.angular_velocity(spin, tensor, rest)
+    angular = rigid_motion.applied(inverse_inertia, spin)
     arms = x[body, :, particle] - centre[body]
-    motion = (v @ rest.weights)[body] + np.cross(angular[body], arms) - contacts.surface_velocity
+    motion = drift[body] + np.cross(angular[body], arms) - contacts.surface_velocity
     normal_speed = np.einsum('ij,ij->i', motion, contacts.normal)
     speed = _per_body(share * normal_speed, body, len(x))
-    return Patch(contacts, weight, share, arms, speed, centre, tensor)
+    return Patch(contacts, weight, share, arms, speed, centre, inverse_inertia)
 
 
 def carried_weight(
@@ -300,7 +319,7 @@ def absorbed_rebound(
     """
     # fades out at the speeds of a body that settles, whose weight must be carried in full
     settling = np.sqrt(max(gravity, 1e-300) * SINKAGE * rest.scale)
-    leaving = np.clip(patch.speed / settling, 0.0, 1.0)
+    leaving = np.clip(patch.speed / settling - SETTLED, 0.0, 1.0)
     lost = 0.5 * (1.0 - gains.elasticity) * leaving
     return -lost[patch.contacts.body] * patch.weight * push
 
@@ -413,16 +432,15 @@ def collide_rigid(
         own = contacts.where(contacts.body == body)
         positions, velocities = x[body : body + 1], v[body : body + 1]
         centre = (positions @ rest.weights).astype(np.float64)
-        tensor = rigid_motion.inertia(positions, centre, rest)
-        spin = rigid_motion.angular_momentum(positions, velocities, centre, rest)
-        omega = rigid_motion.angular_velocity(spin, tensor, rest)[0]
+        spin, tensor = rigid_motion.angular_momentum_and_inertia(
+            positions, velocities, centre, rest
+        )
+        mobility = np.eye(6)
+        mobility[3:, 3:] = rigid_motion.inverse_inertia(tensor, rest)[0]
+        omega = mobility[3:, 3:] @ spin[0]
         linear = velocities[0] @ rest.weights
-
         arms = x[body, :, own.particle] - centre[0]
-        mobility = np.zeros((6, 6))
-        mobility[:3, :3] = np.eye(3)
-        floor = rigid_motion.INERTIA_FLOOR * rest.scale**2
-        mobility[3:, 3:] = np.linalg.inv(tensor[0] + floor * np.eye(3))
+
         before = np.concatenate([linear, omega])
         motion, bounced = _impulses(before, mobility, arms, own, gravity, gains, slow)
 
@@ -536,7 +554,8 @@ def _least_impulses(rows: np.ndarray, mobility: np.ndarray, needed: np.ndarray) 
     if largest <= 0.0:
         return impulse
     needed = needed / largest
-    root = np.linalg.cholesky(mobility)
+    values, vectors = np.linalg.eigh(mobility)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
     scaled = rows @ root
     active: list[int] = []
     for _ in range(MOST_SUPPORTS):

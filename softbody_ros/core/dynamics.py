@@ -68,7 +68,10 @@ def oscillator_gains(
 @dataclass(frozen=True)
 class Gains:
     """
-    What the parameters of B bodies mean for one tick; every array is (B,).
+    What the parameters of B bodies mean for one tick.
+
+    Every array is (B,), but `deformation` and `volume_conservation` are (2, B): for the goals of
+    positions and for those of velocities.
 
     The modes that a goal follows feel the stiffness (1 − β) α_s, the others α_s. For both to keep
     their frequency at any step, the goals of positions and of velocities each get the β that
@@ -80,10 +83,8 @@ class Gains:
     quadratic: np.ndarray
     position: np.ndarray
     velocity: np.ndarray
-    position_deformation: np.ndarray
-    velocity_deformation: np.ndarray
-    position_conservation: np.ndarray
-    velocity_conservation: np.ndarray
+    deformation: np.ndarray
+    volume_conservation: np.ndarray
     elasticity: np.ndarray
     friction: np.ndarray
     coulomb: np.ndarray
@@ -98,7 +99,7 @@ class Gains:
 def make_gains(bodies: Sequence[BodyConfig], step: float, reference_step: float) -> Gains:
     """Return the gains of bodies that are stepped together."""
     rows = [_body_gains(body, step, reference_step) for body in bodies]
-    return Gains(*(np.array(column) for column in zip(*rows, strict=True)))
+    return Gains(*(np.array(column).T for column in zip(*rows, strict=True)))
 
 
 def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
@@ -127,10 +128,8 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
         body.mode == 'quadratic',
         s,
         k,
-        beta_s,
-        beta_k,
-        conserved_s,
-        conserved_k,
+        (beta_s, beta_k),
+        (conserved_s, conserved_k),
         body.elasticity,
         friction,
         body.friction_model == 'coulomb',
@@ -207,14 +206,18 @@ def step(
 
     goal = pull(x, v, centre, fits, rotations, rest, gains, h)
     restore_momentum(v, drift, rest)
-    restore_angular_momentum(x, v, centre, spin, rest)
+    inverse = restore_angular_momentum(x, v, centre, spin, rest)
 
     for obstacle in obstacles:
         contacts = contact.find(x, obstacle, gains.thickness)
         contacts = contacts.where(~gains.rigid[contacts.body])
         if len(contacts):
             sunk = contact.depth_of_goals(contacts, obstacle, centre, goal, rest, gains)
-            meet_obstacle(x, v, approach, batch.x, contacts, sunk, centre, rest, gravity, gains, h)
+            patch = contact.patch_of(x, contacts, centre, drift, spin, inverse, rest)
+            meet_obstacle(x, v, approach, batch.x, patch, sunk, rest, gravity, gains, h)
+            if obstacle is not obstacles[-1]:
+                drift = v @ rest.weights
+                spin = rigid_motion.angular_momentum(x, v, centre, rest)
     if obstacles and gains.rigid.any():
         rigid_bodies_meet_obstacles(x, v, obstacles, rest, gravity, gains, h)
 
@@ -269,26 +272,19 @@ def pull(
         the transform of the velocities' goals
 
     """
-
-    def transform(deformation: np.ndarray, conservation: np.ndarray) -> np.ndarray:
-        blended = matching.blended(fits, rotations, deformation)
-        return matching.with_volume(blended, rest, conservation)
-
-    def difference(goal: np.ndarray, gain: np.ndarray) -> np.ndarray:
-        result = matching.goals(centre, goal, rest)
-        result -= x
-        result *= gain.astype(x.dtype)[:, None, None]
-        return result
-
-    position_goal = transform(gains.position_deformation, gains.position_conservation)
-    velocity_goal = transform(gains.velocity_deformation, gains.velocity_conservation)
-    position_change = difference(position_goal, gains.position)
-    v += difference(velocity_goal, gains.velocity / h)
+    transforms = matching.blended(fits, rotations, gains.deformation)
+    transforms = matching.with_volume(transforms, rest, gains.volume_conservation)
+    position_change, velocity_change = matching.goals(centre, transforms, rest)
+    position_change -= x
+    position_change *= gains.position.astype(x.dtype)[:, None, None]
+    velocity_change -= x
+    velocity_change *= (gains.velocity / h).astype(x.dtype)[:, None, None]
+    v += velocity_change
     x += position_change
     if gains.rigid.any():
         # nothing deforms: the mean velocity, to which the angular momentum adds the rotation
         v[gains.rigid] = (v[gains.rigid] @ rest.weights)[..., None]
-    return velocity_goal
+    return transforms[1]
 
 
 def restore_momentum(v: np.ndarray, drift: np.ndarray, rest: RestShape) -> None:
@@ -298,17 +294,24 @@ def restore_momentum(v: np.ndarray, drift: np.ndarray, rest: RestShape) -> None:
 
 def restore_angular_momentum(
     x: np.ndarray, v: np.ndarray, centre: np.ndarray, spin: np.ndarray, rest: RestShape
-) -> None:
+) -> np.ndarray:
     """
     Add the rigid rotation that brings the angular momentum back to `spin`.
 
     The pull conserves it to first order only: moving the particles by s (g − x) changes the
     inertia under their velocities, and clamped goals exert a torque.
+
+    Returns
+    -------
+    (B, 3, 3) float
+        inverse inertia per mass, 1/m²
+
     """
-    lost = spin - rigid_motion.angular_momentum(x, v, centre, rest)
-    tensor = rigid_motion.inertia(x, centre, rest)
-    omega = rigid_motion.angular_velocity(lost, tensor, rest)
+    present, tensor = rigid_motion.angular_momentum_and_inertia(x, v, centre, rest)
+    inverse = rigid_motion.inverse_inertia(tensor, rest)
+    omega = rigid_motion.applied(inverse, spin - present)
     v += rigid_motion.field(x, centre, np.zeros_like(omega), omega)
+    return inverse
 
 
 def meet_obstacle(
@@ -316,9 +319,8 @@ def meet_obstacle(
     v: np.ndarray,
     approach: np.ndarray,
     start: np.ndarray,
-    contacts: contact.Contacts,
+    patch: contact.Patch,
     sunk: np.ndarray,
-    centre: np.ndarray,
     rest: RestShape,
     gravity: np.ndarray,
     gains: Gains,
@@ -326,24 +328,19 @@ def meet_obstacle(
 ) -> None:
     """Let deformable bodies meet an obstacle: as wholes, by their particles, as wholes again."""
     strength = float(np.linalg.norm(gravity))
-    patch = contact.patch_of(x, v, contacts, centre, rest)
+    contacts, slow = patch.contacts, SLOW_TICKS * h * strength
     carried = contact.carried_weight(patch, sunk, gravity, rest, h)
-    lift = patch.motion_by(carried, x, rest)
-    v += lift
-    lift *= 0.5 * h
-    x += lift
-    push = contact.collide(
-        x,
-        v,
-        approach,
-        start,
-        contacts.after(lift),
-        carried / patch.weight,
-        gains,
-        SLOW_TICKS * h * strength,
-        h,
-    )
-    v += patch.motion_by(contact.absorbed_rebound(patch, push, gains, strength, rest), x, rest)
+    if carried.any():
+        lift = patch.motion_by(carried, x)
+        v += lift
+        lift *= 0.5 * h
+        x += lift
+        contacts = contacts.after(lift)
+    load = carried / patch.weight
+    push = contact.collide(x, v, approach, start, contacts, load, gains, slow, h)
+    absorbed = contact.absorbed_rebound(patch, push, gains, strength, rest)
+    if absorbed.any():
+        v += patch.motion_by(absorbed, x)
 
 
 def rigid_bodies_meet_obstacles(

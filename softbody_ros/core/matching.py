@@ -129,15 +129,15 @@ def blended(fits: np.ndarray, rotations: np.ndarray, deformation: np.ndarray) ->
     ----------
     fits : (B, 3, F) float
     rotations : (B, 3, 3) float
-    deformation : (B,) float
+    deformation : (…, B) float
         β
 
     Returns
     -------
-    (B, 3, F) float
+    (…, B, 3, F) float
 
     """
-    beta = deformation[:, None, None]
+    beta = deformation[..., None, None]
     transform = beta * fits
     transform[..., :LINEAR] += (1.0 - beta) * rotations
     return transform
@@ -152,18 +152,20 @@ def relative_volume(transform: np.ndarray, rest: RestShape) -> np.ndarray:
 
     Parameters
     ----------
-    transform : (B, 3, F) float
+    transform : (…, 3, F) float
     rest : RestShape
 
     Returns
     -------
-    (B,) float
+    (…) float
 
     """
     count = transform.shape[-1]
-    form = rest.volume_form[:count, :count, :count]
-    by_first = (transform[:, 0] @ form.reshape(count, -1)).reshape(-1, count, count)
-    return np.einsum('bj,bjk,bk->b', transform[:, 1], by_first, transform[:, 2])
+    form = rest.volume_form[:count, :count, :count].reshape(count, -1)
+    first, second, third = (transform[..., row, :] for row in range(3))
+    by_first = (first @ form).reshape(*first.shape, count)
+    by_second = np.matmul(second[..., None, :], by_first)
+    return np.matmul(by_second, third[..., None])[..., 0, 0]
 
 
 def with_volume(transform: np.ndarray, rest: RestShape, conservation: np.ndarray) -> np.ndarray:
@@ -172,19 +174,19 @@ def with_volume(transform: np.ndarray, rest: RestShape, conservation: np.ndarray
 
     Parameters
     ----------
-    transform : (B, 3, F) float
+    transform : (…, 3, F) float
     rest : RestShape
-    conservation : (B,) float
+    conservation : (…) float
         0 leaves the volume as it is, 1 restores it fully
 
     Returns
     -------
-    (B, 3, F) float
+    (…, 3, F) float
 
     """
     volume = np.maximum(relative_volume(transform, rest), LEAST_VOLUME)
     factor = 1.0 + conservation * (np.cbrt(1.0 / volume) - 1.0)
-    return factor[:, None, None] * transform
+    return factor[..., None, None] * transform
 
 
 def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndarray:
@@ -195,18 +197,19 @@ def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndar
     ----------
     centre : (B, 3) float
         m
-    transform : (B, 3, F) float
+    transform : (…, B, 3, F) float
     rest : RestShape
 
     Returns
     -------
-    (B, 3, n) float
+    (…, B, 3, n) float
         m
 
     """
-    affine = np.concatenate([centre[..., None], rest.scale * transform], axis=-1)
-    features = rest.features[: affine.shape[-1]]
-    return np.matmul(affine.astype(features.dtype, copy=False), features)
+    affine = np.empty((*transform.shape[:-1], 1 + transform.shape[-1]), rest.features.dtype)
+    affine[..., 0] = centre
+    affine[..., 1:] = rest.scale * transform
+    return np.matmul(affine, rest.features[: affine.shape[-1]])
 
 
 def padded(transform: np.ndarray) -> np.ndarray:

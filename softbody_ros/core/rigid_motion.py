@@ -12,42 +12,48 @@ import numpy as np
 
 from softbody_ros.core.rest_shape import RestShape
 
-INERTIA_FLOOR = 1e-13
-"""Share of its own size added to an inertia tensor: a rod has none about its axis."""
+INERTIA_CUT = 1e-12
+"""Principal inertias below this fraction of the largest count as zero."""
 
 
 def angular_momentum(
     x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape
 ) -> np.ndarray:
     """Return (B, 3): Σ w (x − centre) × v, m²/s."""
-    arms = (x - centre.astype(x.dtype)[..., None]) * rest.weights
-    product = np.matmul(arms, v.transpose(0, 2, 1)).astype(np.float64, copy=False)
-    return np.stack(
-        [
-            product[:, 1, 2] - product[:, 2, 1],
-            product[:, 2, 0] - product[:, 0, 2],
-            product[:, 0, 1] - product[:, 1, 0],
-        ],
-        axis=-1,
-    )
+    arms = x - centre.astype(x.dtype)[..., None]
+    arms *= rest.weights
+    return _spin(arms, v)
 
 
-def inertia(x: np.ndarray, centre: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return (B, 3, 3): the inertia tensor about the centre of mass, m²."""
-    offsets = x - centre.astype(x.dtype)[..., None]
-    gram = np.matmul(offsets * rest.weights, offsets.transpose(0, 2, 1)).astype(np.float64)
-    trace = np.trace(gram, axis1=1, axis2=2)
-    return trace[:, None, None] * np.eye(3) - gram
+def angular_momentum_and_inertia(
+    x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (B, 3) as above, and (B, 3, 3): the inertia tensor about the centre of mass, m²."""
+    arms = x - centre.astype(x.dtype)[..., None]
+    weighted = arms * rest.weights
+    gram = np.matmul(weighted, arms.transpose(0, 2, 1)).astype(np.float64, copy=False)
+    trace = np.einsum('bii->b', gram)
+    return _spin(weighted, v), trace[:, None, None] * np.eye(3) - gram
 
 
-def angular_velocity(spin: np.ndarray, tensor: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return (B, 3): the ω of a rigid body with this angular momentum and inertia, rad/s."""
-    floor = INERTIA_FLOOR * (np.trace(tensor, axis1=1, axis2=2) + rest.scale**2)
-    raised = tensor + floor[:, None, None] * np.eye(3)
-    omega = np.linalg.solve(raised, spin[..., None])
-    # one refinement takes the floor's own error away
-    omega += np.linalg.solve(raised, spin[..., None] - tensor @ omega)
-    return omega[..., 0]
+def _spin(weighted_arms: np.ndarray, v: np.ndarray) -> np.ndarray:
+    product = np.matmul(weighted_arms, v.transpose(0, 2, 1)).astype(np.float64, copy=False)
+    spin = product[:, [1, 2, 0], [2, 0, 1]]
+    spin -= product[:, [2, 0, 1], [1, 2, 0]]
+    return spin
+
+
+def inverse_inertia(tensor: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return (B, 3, 3): the pseudo-inverse, 1/m²; a rod has no inertia about its axis."""
+    values, vectors = np.linalg.eigh(tensor)
+    cut = INERTIA_CUT * np.maximum(values[:, -1], rest.scale**2 * INERTIA_CUT)
+    inverse = np.where(values > cut[:, None], 1.0 / np.maximum(values, cut[:, None]), 0.0)
+    return np.matmul(vectors * inverse[:, None, :], vectors.transpose(0, 2, 1))
+
+
+def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return the products (B, 3) of tensors (B, 3, 3) with vectors (B, 3)."""
+    return np.matmul(tensor, vectors[..., None])[..., 0]
 
 
 def field(
@@ -72,6 +78,6 @@ def field(
     cross = np.zeros((len(angular), 3, 3))
     cross[:, [2, 0, 1], [1, 2, 0]] = angular
     cross[:, [1, 2, 0], [2, 0, 1]] = -angular
-    velocity = np.matmul(cross.astype(x.dtype), x - centre.astype(x.dtype)[..., None])
-    velocity += linear.astype(x.dtype)[..., None]
+    velocity = np.matmul(cross.astype(x.dtype, copy=False), x)
+    velocity += (linear - applied(cross, centre)).astype(x.dtype)[..., None]
     return velocity

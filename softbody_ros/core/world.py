@@ -244,9 +244,9 @@ class World:
         centre, moment = matching.moments(x, rest, 3)
         rotations = matching.rotation(moment)
         goal = matching.goals(centre, rotations, rest)
-        spin = rigid_motion.angular_momentum(x, v, centre, rest)
-        tensor = rigid_motion.inertia(x, centre, rest)
-        omega = rigid_motion.angular_velocity(spin, tensor, rest)[0]
+        spin, tensor = rigid_motion.angular_momentum_and_inertia(x, v, centre, rest)
+        inverse = rigid_motion.inverse_inertia(tensor, rest)
+        omega = rigid_motion.applied(inverse, spin)[0]
         to_origin = -rotations[0] @ rest.centre
         return RigidFit(
             position=centre[0] + to_origin,
