@@ -36,7 +36,7 @@ from visualization_msgs.msg import Marker
 from softbody_ros import messages, parameters
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
 from softbody_ros.core.config import unknown_name
-from softbody_ros.core.dynamics import damping_ratio, natural_frequency
+from softbody_ros.core.gains import damping_ratio, natural_frequency
 from softbody_ros.stepping import Stepper
 
 SHORTEST_PERIOD = 0.004

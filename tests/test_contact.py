@@ -16,7 +16,7 @@ from softbody_ros.core import (
     contact,
     obstacles,
 )
-from softbody_ros.core.dynamics import make_gains
+from softbody_ros.core.gains import make_gains
 
 H = 1 / 240
 G = 9.81

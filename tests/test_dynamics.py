@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, World, WorldConfig, make_surface
-from softbody_ros.core.dynamics import damping_ratio, natural_frequency, oscillator_gains
+from softbody_ros.core.gains import damping_ratio, natural_frequency, oscillator_gains
 
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')

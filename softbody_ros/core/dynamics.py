@@ -1,19 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""One tick of a batch of bodies, as a list of stages, and the gains that make it step-exact."""
+"""One tick of a batch of bodies, as a list of stages."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-import math
 
 import numpy as np
 
-from softbody_ros.core import contact, matching, rigid_motion
-from softbody_ros.core.config import BodyConfig
+from softbody_ros.core import contact, matching, rigid_contact, rigid_motion
+from softbody_ros.core.gains import Gains
 from softbody_ros.core.obstacles import Obstacle
-from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
+from softbody_ros.core.rest_shape import LINEAR, RestShape
 
 LARGEST_MOMENT = 1e100
 PUSH_OUT_ROUNDS = 3
@@ -25,119 +24,6 @@ class SimulationError(ArithmeticError):
     """A step that would leave the finite numbers; the state before it is kept."""
 
 
-# ------------------------------------------------------------------------------------------ gains
-def natural_frequency(stiffness: float, reference_step: float) -> float:
-    """Return ω in rad/s: cos(ω h₀) = 1 − α_s / 2, the frequency of eq. 9–10 at step h₀."""
-    return math.acos(1.0 - stiffness / 2.0) / reference_step
-
-
-def damping_ratio(bounciness: float) -> float:
-    """Return ζ for which each swing has `bounciness` times the amplitude of the one before."""
-    if bounciness <= 0.0:
-        return 1.0
-    overshoot = math.log(bounciness)
-    return -overshoot / math.hypot(math.pi, overshoot)
-
-
-def oscillator_gains(
-    stiffness: float, bounciness: float, step: float, reference_step: float
-) -> tuple[float, float]:
-    """
-    Return the gains s and k that step a damped oscillator exactly, whatever the step.
-
-    With y the distance from the goal, x = x* + s y and v = v* + k y / h sample the motion of
-    frequency ω and damping ζ: the map has trace 2 e cos(√(1−ζ²) ω h) and determinant e²,
-    e = exp(−ζ ω h).
-
-    Parameters
-    ----------
-    stiffness, bounciness : float
-        α_s and α_f, from 0 to 1
-    step, reference_step : float
-        h and h₀, s
-
-    """
-    omega, zeta = natural_frequency(stiffness, reference_step), damping_ratio(bounciness)
-    decay = math.exp(-zeta * omega * step)
-    phase = math.sqrt(1.0 - zeta**2) * omega * step
-    return -math.expm1(-2.0 * zeta * omega * step), (
-        (1.0 - decay) ** 2 + 4.0 * decay * math.sin(phase / 2.0) ** 2
-    )
-
-
-@dataclass(frozen=True)
-class Gains:
-    """
-    What the parameters of B bodies mean for one tick.
-
-    Every array is (B,), but `deformation` and `volume_conservation` are (2, B): for the goals of
-    positions and for those of velocities.
-
-    The modes that a goal follows feel the stiffness (1 − β) α_s, the others α_s. For both to keep
-    their frequency at any step, the goals of positions and of velocities each get the β that
-    makes s · (1 − β_s) and k · (1 − β_k) the exact gains of the stiffness (1 − β) α_s. At the
-    reference step without damping β_k = β, as published.
-    """
-
-    rigid: np.ndarray
-    quadratic: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    deformation: np.ndarray
-    volume_conservation: np.ndarray
-    elasticity: np.ndarray
-    friction: np.ndarray
-    coulomb: np.ndarray
-    thickness: np.ndarray
-
-    @property
-    def features(self) -> int:
-        """Number of features that the richest mode among the bodies needs."""
-        return QUADRATIC if self.quadratic.any() else LINEAR
-
-
-def make_gains(bodies: Sequence[BodyConfig], step: float, reference_step: float) -> Gains:
-    """Return the gains of bodies that are stepped together."""
-    rows = [_body_gains(body, step, reference_step) for body in bodies]
-    return Gains(*(np.array(column).T for column in zip(*rows, strict=True)))
-
-
-def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
-    s, k, beta_s, beta_k = 1.0, 1.0, 0.0, 0.0
-    conserved_s = conserved_k = body.volume_conservation
-    if body.mode != 'rigid':
-        alpha, beta, kept = body.stiffness, body.deformation, body.volume_conservation
-
-        def gains_at(share: float) -> tuple[float, float]:
-            return oscillator_gains(share * alpha, body.bounciness, step, reference_step)
-
-        s, k = gains_at(1.0)
-        followed_s, followed_k = gains_at(1.0 - beta)
-        breathing_s, breathing_k = gains_at(1.0 - beta * (1.0 - kept))
-        beta_k = 1.0 - followed_k / k if k > 0.0 else beta
-        beta_s = 1.0 - followed_s / s if s > 0.0 else beta
-        if k > followed_k:
-            conserved_k = (breathing_k - followed_k) / (k - followed_k)
-        if s > followed_s:
-            conserved_s = (breathing_s - followed_s) / (s - followed_s)
-    friction = body.friction
-    if body.friction_model == 'viscous':
-        friction = 1.0 - (1.0 - friction) ** (step / reference_step)
-    return (
-        body.mode == 'rigid',
-        body.mode == 'quadratic',
-        s,
-        k,
-        (beta_s, beta_k),
-        (conserved_s, conserved_k),
-        body.elasticity,
-        friction,
-        body.friction_model == 'coulomb',
-        body.thickness,
-    )
-
-
-# ------------------------------------------------------------------------------------------- step
 @dataclass
 class Batch:
     """
@@ -361,7 +247,7 @@ def rigid_bodies_meet_obstacles(
     contacts = contact.joined([touching(obstacle) for obstacle in obstacles])
     if len(contacts):
         slow = SLOW_TICKS * h * float(np.linalg.norm(gravity))
-        contact.collide_rigid(x, v, contacts, rest, gravity, gains, slow, h)
+        rigid_contact.collide(x, v, contacts, rest, gravity, gains, slow, h)
         for _ in range(PUSH_OUT_ROUNDS):
             for obstacle in obstacles:
-                contact.push_out(x, touching(obstacle))
+                rigid_contact.push_out(x, touching(obstacle))

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import dynamics, matching, obstacles, rigid_motion
 from softbody_ros.core.config import BodyConfig, ConfigError, WorldConfig, settings, unknown_name
-from softbody_ros.core.dynamics import Batch, Gains, SimulationError
+from softbody_ros.core.dynamics import Batch, SimulationError
+from softbody_ros.core.gains import Gains, make_gains
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
@@ -204,7 +205,7 @@ class World:
     def _update_gains(self) -> None:
         config = self.config
         self._gains = [
-            dynamics.make_gains(
+            make_gains(
                 [self.body_config(name) for name in names],
                 config.time_step,
                 config.reference_step,
