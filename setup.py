@@ -22,7 +22,8 @@ setup(
         ('share/' + package_name, ['package.xml']),
         ('share/' + package_name + '/config', sorted(glob('config/*'))),
     ],
-    install_requires=['numpy>=1.26', 'scipy>=1.11', 'trimesh>=4.0'],
+    # trimesh reads meshes with texture coordinates by way of pillow
+    install_requires=['numpy>=1.26', 'scipy>=1.11', 'trimesh>=4.0', 'pillow'],
     extras_require={
         'jazzy': [
             'ros-jazzy-rclpy',

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact: distances to obstacles, restitution, both laws of friction, moving obstacles."""
 
-from core_helpers import body, centre, momentum, random_rotation, rms_displacement, sheet
+from core_helpers import body, centre, cloud, momentum, random_rotation, rms_displacement, sheet
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,6 +17,8 @@ from softbody_ros.core import (
     obstacles,
 )
 from softbody_ros.core.gains import make_gains
+from softbody_ros.core.rest_shape import make_rest_shape
+from softbody_ros.core.tick import Particles, Tick
 
 H = 1 / 240
 G = 9.81
@@ -112,6 +114,11 @@ def test_a_capsule_shorter_than_its_radius_is_a_sphere():
 
 
 # --------------------------------------------------------------------------------- one particle
+def cloud_of_one():
+    """Return a rest shape; the contact of a particle does not look at it."""
+    return make_rest_shape(cloud([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]))
+
+
 def collided(velocity, obstacle=None, position=(0.0, 0.0, -0.01), approach=None, h=H, **values):
     """Return position and velocity of a particle after its contact with an obstacle."""
     obstacle = obstacles.placed(obstacle or ObstacleConfig())
@@ -119,10 +126,10 @@ def collided(velocity, obstacle=None, position=(0.0, 0.0, -0.01), approach=None,
     x = np.array(position, dtype=float).reshape(1, 3, 1)
     v = np.array(velocity, dtype=float).reshape(1, 3, 1)
     before = v.copy() if approach is None else np.array(approach, dtype=float).reshape(1, 3, 1)
+    tick = Tick(cloud_of_one(), gains, np.array([0.0, 0.0, -G]), h)
     contacts = contact.find(x, obstacle, gains.thickness)
     if len(contacts):
-        slow = 2.0 * G * h
-        contact.collide(x, v, before, x.copy(), contacts, np.zeros(1), gains, slow, h)
+        contact.collide(Particles(x, v, x.copy(), before), contacts, np.zeros(1), tick)
     return x[0, :, 0], v[0, :, 0]
 
 

@@ -18,9 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.gains import Gains
+from softbody_ros.core.matching import Match
 from softbody_ros.core.obstacles import SIGNED_DISTANCE, Obstacle
 from softbody_ros.core.rest_shape import RestShape
+from softbody_ros.core.rigid_motion import RigidMotion
+from softbody_ros.core.tick import Particles, Tick
 
 SINKAGE = 0.01
 """Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
@@ -108,36 +110,6 @@ def joined(parts: Sequence[Contacts]) -> Contacts:
     return Contacts(*(np.concatenate(column) for column in columns))
 
 
-def depth_of_goals(
-    contacts: Contacts,
-    obstacle: Obstacle,
-    centre: np.ndarray,
-    goal: np.ndarray,
-    rest: RestShape,
-    gains: Gains,
-) -> np.ndarray:
-    """
-    Return (k,): how deep the goals of touching particles lie in the obstacle, m.
-
-    Parameters
-    ----------
-    contacts : Contacts
-    obstacle : Obstacle
-    centre : (B, 3) float
-        m
-    goal : (B, 3, F) float
-        goal transforms
-    rest : RestShape
-    gains : Gains
-
-    """
-    body, count = contacts.body, goal.shape[-1]
-    features = rest.features[1 : 1 + count, contacts.particle]
-    points = centre[body] + rest.scale * np.einsum('kif,fk->ki', goal[body], features)
-    distance, _ = _distance(points, obstacle)
-    return np.maximum(gains.thickness[body] - distance, 0.0)
-
-
 def _distance(points: np.ndarray, obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray]:
     """Return signed distances (k,) and outward normals (k, 3) of points (k, 3), all in m."""
     local = (points - obstacle.position) @ obstacle.rotation
@@ -164,6 +136,57 @@ def _candidates(
 
 
 # -------------------------------------------------------------------------------------- deformable
+def meet(
+    particles: Particles,
+    match: Match,
+    motion: RigidMotion,
+    obstacles: Sequence[Obstacle],
+    tick: Tick,
+) -> None:
+    """
+    Let deformable bodies meet the obstacles, one after the other.
+
+    Parameters
+    ----------
+    particles : Particles
+        changed in place
+    match : Match
+    motion : RigidMotion
+        of the bodies before
+    obstacles : sequence of Obstacle
+    tick : Tick
+
+    """
+    changed = False
+    for obstacle in obstacles:
+        contacts = find(particles.x, obstacle, tick.gains.thickness)
+        contacts = contacts.where(~tick.gains.rigid[contacts.body])
+        if not len(contacts):
+            continue
+        if changed:
+            motion = rigid_motion.rigid_motion(particles.x, particles.v, motion.centre, tick.rest)
+        patch = _patch(particles.x, contacts, motion, tick.rest)
+        sunk = depth_of_goals(contacts, obstacle, match, tick)
+        _respond(particles, patch, sunk, tick)
+        changed = True
+
+
+def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -> None:
+    """Let bodies meet an obstacle: as wholes, by their particles, and as wholes again."""
+    x, v, contacts = particles.x, particles.v, patch.contacts
+    carried = carried_weight(patch, sunk, tick)
+    if carried.any():
+        lift = patch.motion_by(carried, x)
+        v += lift
+        lift *= 0.5 * tick.h
+        x += lift
+        contacts = contacts.after(lift)
+    push = collide(particles, contacts, carried / patch.weight, tick)
+    absorbed = absorbed_rebound(patch, push, tick)
+    if absorbed.any():
+        v += patch.motion_by(absorbed, x)
+
+
 @dataclass(frozen=True)
 class Patch:
     """
@@ -172,81 +195,62 @@ class Patch:
     Attributes
     ----------
     contacts : Contacts
+    motion : RigidMotion
     weight : (k,) float
         share of the body's mass that each touching particle has
     share : (k,) float
         share of the touching mass
     arms : (k, 3) float
         from the centre of mass, m
-    speed : (B,) float
-        of the patch, along the normal away from the obstacle, m/s
-    centre : (B, 3) float
-        m
-    inverse_inertia : (B, 3, 3) float
-        per mass, 1/m²
 
     """
 
     contacts: Contacts
+    motion: RigidMotion
     weight: np.ndarray
     share: np.ndarray
     arms: np.ndarray
-    speed: np.ndarray
-    centre: np.ndarray
-    inverse_inertia: np.ndarray
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the means (B,) of values (k,) over the patches."""
-        return _per_body(self.share * values, self.contacts.body, len(self.centre))
+        return _per_body(self.share * values, self.contacts.body, len(self.motion.centre))
+
+    @property
+    def speed(self) -> np.ndarray:
+        """(B,) float: of the patch, along the normal away from the obstacle, m/s."""
+        body, motion = self.contacts.body, self.motion
+        velocity = motion.velocity[body] + np.cross(motion.angular_velocity[body], self.arms)
+        velocity -= self.contacts.surface_velocity
+        return self.mean(np.einsum('ij,ij->i', velocity, self.contacts.normal))
 
     def motion_by(self, impulse: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return the rigid motions (B, 3, n) that impulses (k,) along the normals cause, m/s."""
         impulses = impulse[:, None] * self.contacts.normal
-        linear = _per_body(impulses, self.contacts.body, len(x))
+        velocity = _per_body(impulses, self.contacts.body, len(x))
         spin = _per_body(np.cross(self.arms, impulses), self.contacts.body, len(x))
-        angular = rigid_motion.applied(self.inverse_inertia, spin)
-        return rigid_motion.field(x, self.centre, linear, angular)
+        angular_velocity = rigid_motion.applied(self.motion.inverse_inertia, spin)
+        return rigid_motion.field(x, self.motion.centre, velocity, angular_velocity)
 
 
-def patch_of(
-    x: np.ndarray,
-    contacts: Contacts,
-    centre: np.ndarray,
-    drift: np.ndarray,
-    spin: np.ndarray,
-    inverse_inertia: np.ndarray,
-    rest: RestShape,
-) -> Patch:
-    """
-    Return where bodies touch an obstacle.
-
-    Parameters
-    ----------
-    x : (B, 3, n) float
-        m
-    contacts : Contacts
-    centre, drift, spin : (B, 3) float
-        centre of mass, m, momentum, m/s, and angular momentum, m²/s, per mass
-    inverse_inertia : (B, 3, 3) float
-        1/m²
-    rest : RestShape
-
-    """
+def _patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patch:
     body, particle = contacts.body, contacts.particle
     # a particle without area has no weight: it must not divide by zero
     weight = np.maximum(rest.weights[particle].astype(np.float64), 1e-300)
     share = weight / _per_body(weight, body, len(x))[body]
-    angular = rigid_motion.applied(inverse_inertia, spin)
-    arms = x[body, :, particle] - centre[body]
-    motion = drift[body] + np.cross(angular[body], arms) - contacts.surface_velocity
-    normal_speed = np.einsum('ij,ij->i', motion, contacts.normal)
-    speed = _per_body(share * normal_speed, body, len(x))
-    return Patch(contacts, weight, share, arms, speed, centre, inverse_inertia)
+    arms = x[body, :, particle] - motion.centre[body]
+    return Patch(contacts, motion, weight, share, arms)
 
 
-def carried_weight(
-    patch: Patch, sunk: np.ndarray, gravity: np.ndarray, rest: RestShape, h: float
-) -> np.ndarray:
+def depth_of_goals(contacts: Contacts, obstacle: Obstacle, match: Match, tick: Tick) -> np.ndarray:
+    """Return (k,): how deep the goals of touching particles lie in the obstacle, m, or 0."""
+    body, rest, transforms = contacts.body, tick.rest, match.transforms[1]
+    features = rest.features[1 : 1 + transforms.shape[-1], contacts.particle]
+    offsets = np.einsum('kif,fk->ki', transforms[body], features)
+    distance, _ = _distance(match.centre[body] + rest.scale * offsets, obstacle)
+    return np.maximum(tick.gains.thickness[body] - distance, 0.0)
+
+
+def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
     """
     Return the impulses by which the obstacle carries the weight of bodies that sink into it.
 
@@ -259,11 +263,7 @@ def carried_weight(
     patch : Patch
     sunk : (k,) float
         depth of each touching particle's goal, m, not negative
-    gravity : (3,) float
-        m/s²
-    rest : RestShape
-    h : float
-        s
+    tick : Tick
 
     Returns
     -------
@@ -271,19 +271,18 @@ def carried_weight(
         per mass, along the normals, m/s
 
     """
+    body, h = patch.contacts.body, tick.h
     depth = patch.mean(sunk)
-    load = patch.mean(np.maximum(-patch.contacts.normal @ gravity, 0.0))
-    softness = np.maximum(SINKAGE * rest.scale, 4.0 * load * h**2)
+    load = patch.mean(np.maximum(-patch.contacts.normal @ tick.gravity, 0.0))
+    softness = np.maximum(SINKAGE * tick.rest.scale, 4.0 * load * h**2)
     spring = load * -np.expm1(-depth / softness)
     damper = 2.0 * np.sqrt(load / softness) * patch.speed
     push = h * np.clip(spring - damper, 0.0, load)
-    pressure = sunk / np.where(depth > 0.0, depth, 1.0)[patch.contacts.body]
-    return push[patch.contacts.body] * patch.share * pressure
+    pressure = sunk / np.where(depth > 0.0, depth, 1.0)[body]
+    return push[body] * patch.share * pressure
 
 
-def absorbed_rebound(
-    patch: Patch, push: np.ndarray, gains: Gains, gravity: float, rest: RestShape
-) -> np.ndarray:
+def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
     """
     Return the impulses that a body of little elasticity does not get back when it rebounds.
 
@@ -297,10 +296,7 @@ def absorbed_rebound(
     patch : Patch
     push : (k,) float
         speeds that touching particles have got from the obstacle, m/s
-    gains : Gains
-    gravity : float
-        m/s²
-    rest : RestShape
+    tick : Tick
 
     Returns
     -------
@@ -309,45 +305,31 @@ def absorbed_rebound(
 
     """
     # fades out at the speeds of a body that settles, whose weight must be carried in full
-    settling = np.sqrt(max(gravity, 1e-300) * SINKAGE * rest.scale)
+    gravity = max(float(np.linalg.norm(tick.gravity)), 1e-300)
+    settling = np.sqrt(gravity * SINKAGE * tick.rest.scale)
     leaving = np.clip(patch.speed / settling - SETTLED, 0.0, 1.0)
-    lost = 0.5 * (1.0 - gains.elasticity) * leaving
+    lost = 0.5 * (1.0 - tick.gains.elasticity) * leaving
     return -lost[patch.contacts.body] * patch.weight * push
 
 
 def collide(
-    x: np.ndarray,
-    v: np.ndarray,
-    approach: np.ndarray,
-    start: np.ndarray,
-    contacts: Contacts,
-    carried: np.ndarray,
-    gains: Gains,
-    slow: float,
-    h: float,
+    particles: Particles, contacts: Contacts, carried: np.ndarray, tick: Tick
 ) -> np.ndarray:
     """
     Project particles out of an obstacle and change their velocities, in place.
 
     The normal impulse is computed from the velocity before matching: after it, the velocity holds
     the pull towards a goal that may lie inside the obstacle, and resting contacts would chatter.
+    Friction takes back the same share of the sliding distance as of the sliding speed, so that
+    what sticks does not creep.
 
     Parameters
     ----------
-    x, v : (B, 3, n) float
-        m, m/s
-    approach : (B, 3, n) float
-        velocities before matching, m/s
-    start : (B, 3, n) float
-        positions at the last tick, m: what does not slide returns there
+    particles : Particles
     contacts : Contacts
     carried : (k,) float
-        load that is carried besides, as speed, m/s
-    gains : Gains
-    slow : float
-        speed up to which nothing bounces, m/s
-    h : float
-        s
+        load that is carried besides, as speed, m/s: friction may count on it
+    tick : Tick
 
     Returns
     -------
@@ -355,12 +337,14 @@ def collide(
         speeds that the particles have got along the normals, m/s
 
     """
+    x, v, gains = particles.x, particles.v, tick.gains
     body, particle, normal = contacts.body, contacts.particle, contacts.normal
     points = x[body, :, particle]
     relative = v[body, :, particle] - contacts.surface_velocity
     normal_speed = np.einsum('ij,ij->i', relative, normal)
-    approach_speed = contacts.along_normal(approach)
-    bounce = np.where(approach_speed < -slow, -gains.elasticity[body] * approach_speed, 0.0)
+    approach_speed = contacts.along_normal(particles.approach)
+    rebound = -gains.elasticity[body] * approach_speed
+    bounce = np.where(approach_speed < -tick.slow, rebound, 0.0)
     push = np.maximum(bounce - normal_speed, 0.0)
 
     tangential = relative - normal_speed[:, None] * normal
@@ -368,16 +352,13 @@ def collide(
     friction = gains.friction[body]
     bound = friction * (push + carried)
     coulomb_kept = 1.0 - np.minimum(bound / np.where(sliding_speed > 0.0, sliding_speed, 1.0), 1.0)
-    kept = np.where(gains.coulomb[body], coulomb_kept, 1.0 - friction)
+    kept = np.where(gains.coulomb[body], coulomb_kept, 1.0 - friction)[:, None]
 
-    slid = points - start[body, :, particle] - h * contacts.surface_velocity
+    slid = points - particles.start[body, :, particle] - tick.h * contacts.surface_velocity
     slid -= np.einsum('ij,ij->i', slid, normal)[:, None] * normal
-    depth = contacts.depth[:, None]
-    x[body, :, particle] = points + depth * normal - (1.0 - kept)[:, None] * slid
+    x[body, :, particle] = points + contacts.depth[:, None] * normal - (1.0 - kept) * slid
     v[body, :, particle] = (
-        contacts.surface_velocity
-        + (normal_speed + push)[:, None] * normal
-        + kept[:, None] * tangential
+        contacts.surface_velocity + (normal_speed + push)[:, None] * normal + kept * tangential
     )
     return push
 

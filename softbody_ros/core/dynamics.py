@@ -11,13 +11,14 @@ import numpy as np
 
 from softbody_ros.core import contact, matching, rigid_contact, rigid_motion
 from softbody_ros.core.gains import Gains
+from softbody_ros.core.matching import Match
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import LINEAR, RestShape
+from softbody_ros.core.rigid_motion import RigidMotion
+from softbody_ros.core.tick import Particles, Tick
 
 LARGEST_MOMENT = 1e100
-PUSH_OUT_ROUNDS = 3
-SLOW_TICKS = 2.0
-"""What gravity adds in so many ticks is too slow to bounce, so that bodies come to rest."""
+"""Beyond it squares leave the finite numbers."""
 
 
 class SimulationError(ArithmeticError):
@@ -60,8 +61,8 @@ def step(
     """
     Compute the next tick of a batch into `next_x` and `next_v`.
 
-    Predict, match, correct, collide. Free flight is exact: a parabola at any step, with momentum
-    and angular momentum conserved to rounding.
+    Free flight is exact: a parabola at any step, with momentum and angular momentum kept to
+    rounding.
 
     Parameters
     ----------
@@ -79,45 +80,35 @@ def step(
         if a number would not be finite.
 
     """
-    rest, x, v = batch.rest, batch.next_x, batch.next_v
-    predict(batch.x, batch.v, gravity, h, out=x)
-    accelerate(batch.v, gravity, h, out=v)
-    approach = v.copy() if obstacles else v
+    tick = Tick(batch.rest, gains, gravity, h)
+    particles = predict(batch, tick)
+    match = find_goals(particles.x, tick)
+    momentum = rigid_motion.momentum(particles.x, particles.v, match.centre, tick.rest)
+    pull(particles, match, tick)
+    motion = restore_momentum(particles, match, momentum, tick)
+    contact.meet(particles, match, motion, obstacles, tick)
+    rigid_contact.meet(particles, obstacles, tick)
 
+
+def predict(batch: Batch, tick: Tick) -> Particles:
+    """Return the particles as they are without their bodies: x + h v + h² g / 2, v + h g."""
+    x, v, h = batch.next_x, batch.next_v, tick.h
+    np.multiply(batch.v, h, out=x)
+    x += batch.x
+    x += (0.5 * h**2 * tick.gravity).astype(x.dtype)[:, None]
+    np.add(batch.v, (h * tick.gravity).astype(v.dtype)[:, None], out=v)
+    return Particles(x, v, start=batch.x, approach=v.copy())
+
+
+def find_goals(x: np.ndarray, tick: Tick) -> Match:
+    """Match the rest shape with positions (B, 3, n): where each body wants to be."""
+    rest, gains = tick.rest, tick.gains
     centre, moment = matching.moments(x, rest, gains.features)
     require_finite(moment)
     rotations = matching.rotation(moment)
     fits = fit_of_each_mode(moment, rotations, rest, gains)
-    drift, spin = v @ rest.weights, rigid_motion.angular_momentum(x, v, centre, rest)
-
-    goal = pull(x, v, centre, fits, rotations, rest, gains, h)
-    restore_momentum(v, drift, rest)
-    inverse = restore_angular_momentum(x, v, centre, spin, rest)
-
-    for obstacle in obstacles:
-        contacts = contact.find(x, obstacle, gains.thickness)
-        contacts = contacts.where(~gains.rigid[contacts.body])
-        if len(contacts):
-            sunk = contact.depth_of_goals(contacts, obstacle, centre, goal, rest, gains)
-            patch = contact.patch_of(x, contacts, centre, drift, spin, inverse, rest)
-            meet_obstacle(x, v, approach, batch.x, patch, sunk, rest, gravity, gains, h)
-            if obstacle is not obstacles[-1]:
-                drift = v @ rest.weights
-                spin = rigid_motion.angular_momentum(x, v, centre, rest)
-    if obstacles and gains.rigid.any():
-        rigid_bodies_meet_obstacles(x, v, obstacles, rest, gravity, gains, h)
-
-
-def predict(x: np.ndarray, v: np.ndarray, gravity: np.ndarray, h: float, out: np.ndarray) -> None:
-    """Write x + h v + h² g / 2, where a free particle will be."""
-    np.multiply(v, h, out=out)
-    out += x
-    out += (0.5 * h**2 * gravity).astype(x.dtype)[:, None]
-
-
-def accelerate(v: np.ndarray, gravity: np.ndarray, h: float, out: np.ndarray) -> None:
-    """Write v + h g."""
-    np.add(v, (h * gravity).astype(v.dtype)[:, None], out=out)
+    transforms = matching.blended(fits, rotations, gains.deformation)
+    return Match(centre, matching.with_volume(transforms, rest, gains.volume_conservation))
 
 
 def require_finite(moment: np.ndarray) -> None:
@@ -130,124 +121,39 @@ def fit_of_each_mode(
     moment: np.ndarray, rotations: np.ndarray, rest: RestShape, gains: Gains
 ) -> np.ndarray:
     """Return (B, 3, F): the quadratic fit of quadratic bodies, the linear fit of the others."""
-    if not gains.quadratic.any():
-        return matching.fit(moment, rotations, rest)
     fits = matching.fit(moment, rotations, rest)
-    if not gains.quadratic.all():
-        linear = matching.padded(matching.fit(moment[..., :LINEAR], rotations, rest))
-        fits = np.where(gains.quadratic[:, None, None], fits, linear)
-    return fits
+    if gains.features == LINEAR or gains.quadratic.all():
+        return fits
+    linear = matching.padded(matching.fit(moment[..., :LINEAR], rotations, rest))
+    return np.where(gains.quadratic[:, None, None], fits, linear)
 
 
-def pull(
-    x: np.ndarray,
-    v: np.ndarray,
-    centre: np.ndarray,
-    fits: np.ndarray,
-    rotations: np.ndarray,
-    rest: RestShape,
-    gains: Gains,
-    h: float,
-) -> np.ndarray:
-    """
-    Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h.
-
-    Returns
-    -------
-    (B, 3, F) float
-        the transform of the velocities' goals
-
-    """
-    transforms = matching.blended(fits, rotations, gains.deformation)
-    transforms = matching.with_volume(transforms, rest, gains.volume_conservation)
-    position_change, velocity_change = matching.goals(centre, transforms, rest)
+def pull(particles: Particles, match: Match, tick: Tick) -> None:
+    """Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h."""
+    x, v, gains = particles.x, particles.v, tick.gains
+    position_change, velocity_change = matching.goals(match.centre, match.transforms, tick.rest)
     position_change -= x
     position_change *= gains.position.astype(x.dtype)[:, None, None]
     velocity_change -= x
-    velocity_change *= (gains.velocity / h).astype(x.dtype)[:, None, None]
-    v += velocity_change
+    velocity_change *= (gains.velocity / tick.h).astype(x.dtype)[:, None, None]
     x += position_change
+    v += velocity_change
     if gains.rigid.any():
-        # nothing deforms: the mean velocity, to which the angular momentum adds the rotation
-        v[gains.rigid] = (v[gains.rigid] @ rest.weights)[..., None]
-    return transforms[1]
+        # nothing deforms: no velocity but what the momentum will add
+        v[gains.rigid] = 0.0
 
 
-def restore_momentum(v: np.ndarray, drift: np.ndarray, rest: RestShape) -> None:
-    """Bring the mean velocity back to `drift`: rounded positions divided by h have moved it."""
-    v += (drift - v @ rest.weights)[..., None]
-
-
-def restore_angular_momentum(
-    x: np.ndarray, v: np.ndarray, centre: np.ndarray, spin: np.ndarray, rest: RestShape
-) -> np.ndarray:
+def restore_momentum(
+    particles: Particles, match: Match, momentum: tuple[np.ndarray, np.ndarray], tick: Tick
+) -> RigidMotion:
     """
-    Add the rigid rotation that brings the angular momentum back to `spin`.
+    Add the rigid motion that brings momentum and angular momentum back, and return the whole.
 
-    The pull conserves it to first order only: moving the particles by s (g − x) changes the
-    inertia under their velocities, and clamped goals exert a torque.
-
-    Returns
-    -------
-    (B, 3, 3) float
-        inverse inertia per mass, 1/m²
-
+    The pull conserves angular momentum to first order only: moving the particles by s (g − x)
+    changes the inertia under their velocities, and clamped goals exert a torque.
     """
-    present, tensor = rigid_motion.angular_momentum_and_inertia(x, v, centre, rest)
-    inverse = rigid_motion.inverse_inertia(tensor, rest)
-    omega = rigid_motion.applied(inverse, spin - present)
-    v += rigid_motion.field(x, centre, np.zeros_like(omega), omega)
-    return inverse
-
-
-def meet_obstacle(
-    x: np.ndarray,
-    v: np.ndarray,
-    approach: np.ndarray,
-    start: np.ndarray,
-    patch: contact.Patch,
-    sunk: np.ndarray,
-    rest: RestShape,
-    gravity: np.ndarray,
-    gains: Gains,
-    h: float,
-) -> None:
-    """Let deformable bodies meet an obstacle: as wholes, by their particles, as wholes again."""
-    strength = float(np.linalg.norm(gravity))
-    contacts, slow = patch.contacts, SLOW_TICKS * h * strength
-    carried = contact.carried_weight(patch, sunk, gravity, rest, h)
-    if carried.any():
-        lift = patch.motion_by(carried, x)
-        v += lift
-        lift *= 0.5 * h
-        x += lift
-        contacts = contacts.after(lift)
-    load = carried / patch.weight
-    push = contact.collide(x, v, approach, start, contacts, load, gains, slow, h)
-    absorbed = contact.absorbed_rebound(patch, push, gains, strength, rest)
-    if absorbed.any():
-        v += patch.motion_by(absorbed, x)
-
-
-def rigid_bodies_meet_obstacles(
-    x: np.ndarray,
-    v: np.ndarray,
-    obstacles: Sequence[Obstacle],
-    rest: RestShape,
-    gravity: np.ndarray,
-    gains: Gains,
-    h: float,
-) -> None:
-    """Let rigid bodies meet all obstacles at once, then move them out of each."""
-
-    def touching(obstacle: Obstacle) -> contact.Contacts:
-        contacts = contact.find(x, obstacle, gains.thickness)
-        return contacts.where(gains.rigid[contacts.body])
-
-    contacts = contact.joined([touching(obstacle) for obstacle in obstacles])
-    if len(contacts):
-        slow = SLOW_TICKS * h * float(np.linalg.norm(gravity))
-        rigid_contact.collide(x, v, contacts, rest, gravity, gains, slow, h)
-        for _ in range(PUSH_OUT_ROUNDS):
-            for obstacle in obstacles:
-                rigid_contact.push_out(x, touching(obstacle))
+    x, v, centre, (velocity, spin) = particles.x, particles.v, match.centre, momentum
+    present = rigid_motion.rigid_motion(x, v, centre, tick.rest)
+    angular_velocity = rigid_motion.applied(present.inverse_inertia, spin - present.spin)
+    v += rigid_motion.field(x, centre, velocity - present.velocity, angular_velocity)
+    return RigidMotion(centre, velocity, spin, present.inverse_inertia)

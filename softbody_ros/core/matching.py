@@ -10,6 +10,8 @@ SIGGRAPH 2005. All functions work on a stack of B bodies that share one rest sha
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
@@ -20,6 +22,24 @@ LARGEST_BEND = 1.0
 """Norm of the quadratic block up to which the goal follows; beyond it surfaces turn inside out."""
 LEAST_VOLUME = 0.05
 """Goals of less relative volume are not inflated to the full one at once."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """
+    Where the goals of B bodies are.
+
+    Attributes
+    ----------
+    centre : (B, 3) float
+        centre of mass, m
+    transforms : (2, B, 3, F) float
+        goal = centre + scale · transform @ features: for positions, and for velocities
+
+    """
+
+    centre: np.ndarray
+    transforms: np.ndarray
 
 
 def moments(x: np.ndarray, rest: RestShape, features: int) -> tuple[np.ndarray, np.ndarray]:

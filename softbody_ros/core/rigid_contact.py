@@ -4,88 +4,84 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.contact import Contacts
-from softbody_ros.core.gains import Gains
-from softbody_ros.core.rest_shape import RestShape
+from softbody_ros.core.contact import Contacts, find, joined
+from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.tick import Particles, Tick
 
+PUSH_OUT_ROUNDS = 3
+"""A body between several obstacles is moved out of each so many times."""
 FRICTION_ROUNDS, FRICTION_SWEEPS = 4, 8
 MOST_SUPPORTS = 24
 """Touching particles that the impulse on a rigid body takes into account, worst first."""
 
 
-def collide(
-    x: np.ndarray,
-    v: np.ndarray,
-    contacts: Contacts,
-    rest: RestShape,
-    gravity: np.ndarray,
-    gains: Gains,
-    slow: float,
-    h: float,
-) -> None:
+def meet(particles: Particles, obstacles: Sequence[Obstacle], tick: Tick) -> None:
     """
-    Give rigid bodies the impulses that keep their touching particles out, in place.
+    Let rigid bodies meet all obstacles at once, then move them out of each.
 
     Parameters
     ----------
-    x, v : (B, 3, n) float
-        m, m/s, of rigid motions
-    contacts : Contacts
-    rest : RestShape
-    gravity : (3,) float
-        m/s²
-    gains : Gains
-    slow : float
-        speed up to which nothing bounces, m/s
-    h : float
-        s
+    particles : Particles
+        changed in place
+    obstacles : sequence of Obstacle
+    tick : Tick
 
     """
+    if not obstacles or not tick.gains.rigid.any():
+        return
+
+    def touching(obstacle: Obstacle) -> Contacts:
+        contacts = find(particles.x, obstacle, tick.gains.thickness)
+        return contacts.where(tick.gains.rigid[contacts.body])
+
+    contacts = joined([touching(obstacle) for obstacle in obstacles])
+    if not len(contacts):
+        return
     for body in np.unique(contacts.body):
-        own = contacts.where(contacts.body == body)
-        positions, velocities = x[body : body + 1], v[body : body + 1]
-        centre = (positions @ rest.weights).astype(np.float64)
-        spin, tensor = rigid_motion.angular_momentum_and_inertia(
-            positions, velocities, centre, rest
-        )
-        mobility = np.eye(6)
-        mobility[3:, 3:] = rigid_motion.inverse_inertia(tensor, rest)[0]
-        omega = mobility[3:, 3:] @ spin[0]
-        linear = velocities[0] @ rest.weights
-        arms = x[body, :, own.particle] - centre[0]
+        collide(particles, int(body), contacts.where(contacts.body == body), tick)
+    for _ in range(PUSH_OUT_ROUNDS):
+        for obstacle in obstacles:
+            _push_out(particles.x, touching(obstacle))
 
-        before = np.concatenate([linear, omega])
-        motion, bounced = _impulses(before, mobility, arms, own, gravity, gains, slow)
 
-        # a load acts all through the tick, a bounce happens at the surface: see push_out
-        change = np.zeros(6) if bounced else 0.5 * h * (motion - before)
-        offsets = Rotation.from_rotvec(change[3:]).apply((x[body] - centre[0][:, None]).T).T
-        x[body] = offsets + (centre[0] + change[:3])[:, None]
-        v[body] = motion[:3, None] + np.cross(motion[3:], offsets, axisb=0, axisc=0)
+def collide(particles: Particles, body: int, contacts: Contacts, tick: Tick) -> None:
+    """Give a rigid body the impulses that keep its touching particles out, in place."""
+    x, v = particles.x[body], particles.v[body]
+    centre = (x @ tick.rest.weights).astype(np.float64)
+    rigid = rigid_motion.rigid_motion(x[None], v[None], centre[None], tick.rest)
+    mobility = np.eye(6)
+    mobility[3:, 3:] = rigid.inverse_inertia[0]
+    arms = x[:, contacts.particle].T - centre
+
+    before = np.concatenate([rigid.velocity[0], rigid.angular_velocity[0]])
+    motion, bounced = _impulses(before, mobility, arms, contacts, tick)
+
+    # a load acts all through the tick, a bounce happens at the surface
+    change = np.zeros(6) if bounced else 0.5 * tick.h * (motion - before)
+    offsets = Rotation.from_rotvec(change[3:]).apply((x - centre[:, None]).T).T
+    x[:] = offsets + (centre + change[:3])[:, None]
+    v[:] = motion[:3, None] + np.cross(motion[3:], offsets, axisb=0, axisc=0)
 
 
 def _impulses(
-    motion: np.ndarray,
-    mobility: np.ndarray,
-    arms: np.ndarray,
-    contacts: Contacts,
-    gravity: np.ndarray,
-    gains: Gains,
-    slow: float,
+    motion: np.ndarray, mobility: np.ndarray, arms: np.ndarray, contacts: Contacts, tick: Tick
 ) -> tuple[np.ndarray, bool]:
     """Return the motion (linear, angular) of a body after its impulses, and whether it bounced."""
+    gains = tick.gains
     body = contacts.body[0]
     normals = np.hstack([contacts.normal, np.cross(arms, contacts.normal)])
     speed = normals @ motion - np.einsum('ij,ij->i', contacts.normal, contacts.surface_velocity)
     # what gravity has added since the deepest particle touched must not bounce
-    fallen = np.max(-2.0 * (contacts.normal @ gravity) * contacts.depth)
+    fallen = np.max(-2.0 * (contacts.normal @ tick.gravity) * contacts.depth)
     impact = np.sqrt(np.maximum(speed**2 - fallen, 0.0))
-    wanted = np.where(speed < -slow, gains.elasticity[body] * impact, 0.0)
+    wanted = np.where(speed < -tick.slow, gains.elasticity[body] * impact, 0.0)
     rubbed = _coulomb if gains.coulomb[body] else _viscous
     friction = np.zeros(6)
     # friction tips a body over its contacts and the contacts carry the friction: take turns
@@ -192,7 +188,7 @@ def _least_impulses(rows: np.ndarray, mobility: np.ndarray, needed: np.ndarray) 
     return impulse * largest
 
 
-def push_out(x: np.ndarray, contacts: Contacts) -> None:
+def _push_out(x: np.ndarray, contacts: Contacts) -> None:
     """Move rigid bodies by their deepest particle's depth, in place."""
     deepest_first = np.argsort(-contacts.depth, kind='stable')
     bodies, index = np.unique(contacts.body[deepest_first], return_index=True)

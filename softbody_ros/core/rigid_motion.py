@@ -8,6 +8,8 @@ Everything is per mass and for a stack of B bodies: positions x and velocities v
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from softbody_ros.core.rest_shape import RestShape
@@ -16,24 +18,85 @@ INERTIA_CUT = 1e-12
 """Principal inertias below this fraction of the largest count as zero."""
 
 
-def angular_momentum(
-    x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape
-) -> np.ndarray:
-    """Return (B, 3): Σ w (x − centre) × v, m²/s."""
-    arms = x - centre.astype(x.dtype)[..., None]
-    arms *= rest.weights
-    return _spin(arms, v)
+@dataclass(frozen=True)
+class RigidMotion:
+    """
+    The rigid motion with the momentum and angular momentum of deformed bodies.
+
+    Attributes
+    ----------
+    centre : (B, 3) float
+        centre of mass, m
+    velocity : (B, 3) float
+        of the centre of mass, m/s
+    spin : (B, 3) float
+        angular momentum about the centre of mass, m²/s
+    inverse_inertia : (B, 3, 3) float
+        1/m²
+
+    """
+
+    centre: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+    inverse_inertia: np.ndarray
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """(B, 3) float: rad/s."""
+        return applied(self.inverse_inertia, self.spin)
 
 
-def angular_momentum_and_inertia(
+def momentum(
     x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (B, 3) as above, and (B, 3, 3): the inertia tensor about the centre of mass, m²."""
+    """Return (B, 3): Σ w v, m/s, and (B, 3): Σ w (x − centre) × v, m²/s."""
+    arms = x - centre.astype(x.dtype)[..., None]
+    arms *= rest.weights
+    return v @ rest.weights, _spin(arms, v)
+
+
+def rigid_motion(x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape) -> RigidMotion:
+    """Return the rigid part of a motion about given centres of mass (B, 3)."""
     arms = x - centre.astype(x.dtype)[..., None]
     weighted = arms * rest.weights
     gram = np.matmul(weighted, arms.transpose(0, 2, 1)).astype(np.float64, copy=False)
-    trace = np.einsum('bii->b', gram)
-    return _spin(weighted, v), trace[:, None, None] * np.eye(3) - gram
+    tensor = np.einsum('bii->b', gram)[:, None, None] * np.eye(3) - gram
+    return RigidMotion(
+        centre, v @ rest.weights, _spin(weighted, v), _inverse_inertia(tensor, rest)
+    )
+
+
+def field(
+    x: np.ndarray, centre: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray
+) -> np.ndarray:
+    """
+    Return the velocities of a rigid motion: velocity + angular_velocity × (x − centre).
+
+    Parameters
+    ----------
+    x : (B, 3, n) float
+        m
+    centre, velocity, angular_velocity : (B, 3) float
+        m, m/s, rad/s
+
+    Returns
+    -------
+    (B, 3, n) float
+        m/s
+
+    """
+    cross = np.zeros((len(angular_velocity), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = angular_velocity
+    cross[:, [1, 2, 0], [2, 0, 1]] = -angular_velocity
+    result = np.matmul(cross.astype(x.dtype, copy=False), x)
+    result += (velocity - applied(cross, centre)).astype(x.dtype)[..., None]
+    return result
+
+
+def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return the products (B, 3) of tensors (B, 3, 3) with vectors (B, 3)."""
+    return np.matmul(tensor, vectors[..., None])[..., 0]
 
 
 def _spin(weighted_arms: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -43,41 +106,9 @@ def _spin(weighted_arms: np.ndarray, v: np.ndarray) -> np.ndarray:
     return spin
 
 
-def inverse_inertia(tensor: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return (B, 3, 3): the pseudo-inverse, 1/m²; a rod has no inertia about its axis."""
+def _inverse_inertia(tensor: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return the pseudo-inverse: a rod has no inertia about its axis."""
     values, vectors = np.linalg.eigh(tensor)
-    cut = INERTIA_CUT * np.maximum(values[:, -1], rest.scale**2 * INERTIA_CUT)
-    inverse = np.where(values > cut[:, None], 1.0 / np.maximum(values, cut[:, None]), 0.0)
+    cut = INERTIA_CUT * np.maximum(values[:, -1:], INERTIA_CUT * rest.scale**2)
+    inverse = np.where(values > cut, 1.0 / np.maximum(values, cut), 0.0)
     return np.matmul(vectors * inverse[:, None, :], vectors.transpose(0, 2, 1))
-
-
-def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return the products (B, 3) of tensors (B, 3, 3) with vectors (B, 3)."""
-    return np.matmul(tensor, vectors[..., None])[..., 0]
-
-
-def field(
-    x: np.ndarray, centre: np.ndarray, linear: np.ndarray, angular: np.ndarray
-) -> np.ndarray:
-    """
-    Return the velocities of a rigid motion: linear + angular × (x − centre).
-
-    Parameters
-    ----------
-    x : (B, 3, n) float
-        m
-    centre, linear, angular : (B, 3) float
-        m, m/s, rad/s
-
-    Returns
-    -------
-    (B, 3, n) float
-        m/s
-
-    """
-    cross = np.zeros((len(angular), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = angular
-    cross[:, [1, 2, 0], [2, 0, 1]] = -angular
-    velocity = np.matmul(cross.astype(x.dtype, copy=False), x)
-    velocity += (linear - applied(cross, centre)).astype(x.dtype)[..., None]
-    return velocity

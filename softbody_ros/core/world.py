@@ -245,14 +245,13 @@ class World:
         centre, moment = matching.moments(x, rest, 3)
         rotations = matching.rotation(moment)
         goal = matching.goals(centre, rotations, rest)
-        spin, tensor = rigid_motion.angular_momentum_and_inertia(x, v, centre, rest)
-        inverse = rigid_motion.inverse_inertia(tensor, rest)
-        omega = rigid_motion.applied(inverse, spin)[0]
+        motion = rigid_motion.rigid_motion(x, v, centre, rest)
+        omega = motion.angular_velocity[0]
         to_origin = -rotations[0] @ rest.centre
         return RigidFit(
             position=centre[0] + to_origin,
             rotation=rotations[0],
-            linear_velocity=v[0] @ rest.weights + np.cross(omega, to_origin),
+            linear_velocity=motion.velocity[0] + np.cross(omega, to_origin),
             angular_velocity=omega,
             displacement=np.linalg.norm(x[0] - goal[0], axis=0),
         )

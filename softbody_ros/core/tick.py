@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the stages of a tick share: the particles on their way, and what stays the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softbody_ros.core.gains import Gains
+from softbody_ros.core.rest_shape import RestShape
+
+SLOW_TICKS = 2.0
+"""What gravity adds in so many ticks is too slow to bounce, so that bodies come to rest."""
+
+
+@dataclass(frozen=True)
+class Particles:
+    """
+    The particles of B bodies in the middle of a tick.
+
+    Attributes
+    ----------
+    x, v : (B, 3, n) float
+        positions, m, and velocities, m/s: the stages change them in place
+    start : (B, 3, n) float
+        positions at the tick before, m
+    approach : (B, 3, n) float
+        velocities before matching, m/s
+
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    start: np.ndarray
+    approach: np.ndarray
+
+
+@dataclass(frozen=True)
+class Tick:
+    """
+    What a tick of a batch is computed with.
+
+    Attributes
+    ----------
+    rest : RestShape
+    gains : Gains
+    gravity : (3,) float
+        m/s²
+    h : float
+        s
+
+    """
+
+    rest: RestShape
+    gains: Gains
+    gravity: np.ndarray
+    h: float
+
+    @property
+    def slow(self) -> float:
+        """Speed up to which nothing bounces, m/s."""
+        return SLOW_TICKS * self.h * float(np.linalg.norm(self.gravity))
