@@ -84,7 +84,7 @@ def test_a_real_cad_mesh_of_more_than_10000_triangles_is_simulated(graph):
     assert len(meshes[0].vertices) == clouds[0].width == 4950
     assert all(len(marker.points) == 3 * 11632 for marker in markers)
     assert heights(clouds[-1]).min() > -1e-6
-    assert heights(clouds[-1]).mean() < heights(clouds[0]).mean()
+    assert heights(clouds[-1]).mean() < 0.5  # it has fallen from 0.6 m
 
 
 def test_reset_of_another_process_is_bit_identical(graph):
