@@ -357,6 +357,7 @@ class SimNode(Node):
         for body in self._world.config.bodies:
             omega = natural_frequency(body.stiffness, self._world.config.reference_step)
             values[f'{body.name} frequency (Hz)'] = f'{omega / (2 * np.pi):.3f}'
+            values[f'{body.name} asleep'] = str(self._world.is_asleep(body.name)).lower()
             values[f'{body.name} damping ratio'] = f'{damping_ratio(body.bounciness):.3f}'
         self._diagnostics.publish(
             messages.diagnostics(

@@ -490,9 +490,9 @@ def test_a_dropped_ball_is_an_egg_at_impact_and_settles_as_the_original_sphere(m
     assert height[first_low:].max() - 0.5 > 0.1
     # at rest: the sphere it was, standing on the ground, its reported velocity small too
     assert shape[-1] < 0.015
-    assert height[-1] == pytest.approx(0.5, abs=0.015)
+    assert height[-1] == pytest.approx(0.5, abs=0.025)
     assert 240 * np.abs(world.positions('ball') - before).max() < 1e-3
-    assert np.abs(world.rigid_fit('ball').linear_velocity).max() < 5e-3
+    assert not world.velocities('ball').any()
 
 
 @pytest.mark.parametrize('mode', SOFT)

@@ -276,8 +276,10 @@ def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
     load = patch.mean(np.maximum(-patch.contacts.normal @ tick.gravity, 0.0))
     softness = np.maximum(SINKAGE * tick.rest.scale, 4.0 * load * h**2)
     spring = load * -np.expm1(-depth / softness)
-    damper = 2.0 * np.sqrt(load / softness) * patch.speed
-    push = h * np.clip(spring - damper, 0.0, load)
+    damping = 2.0 * np.sqrt(load / softness)
+    # implicit: the damper sees the speed after the push, which at rest is zero
+    force = (spring - damping * patch.speed) / (1.0 + damping * h)
+    push = h * np.clip(force, 0.0, load)
     pressure = sunk / np.where(depth > 0.0, depth, 1.0)[body]
     return push[body] * patch.share * pressure
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import math
 
 import numpy as np
@@ -82,6 +82,10 @@ class Gains:
     def features(self) -> int:
         """Number of features that the richest mode among the bodies needs."""
         return QUADRATIC if self.quadratic.any() else LINEAR
+
+    def of(self, bodies: np.ndarray) -> Gains:
+        """Return the gains of some of the bodies, given as a mask (B,)."""
+        return Gains(*(getattr(self, item.name)[..., bodies] for item in fields(self)))
 
 
 def make_gains(bodies: Sequence[BodyConfig], step: float, reference_step: float) -> Gains:

@@ -31,6 +31,11 @@ class Obstacle:
     position: np.ndarray
     rotation: np.ndarray
 
+    @property
+    def moves(self) -> bool:
+        """Whether it has a velocity."""
+        return any(self.config.velocity_linear) or any(self.config.velocity_angular)
+
 
 def placed(config: ObstacleConfig) -> Obstacle:
     """
@@ -54,7 +59,7 @@ def placed(config: ObstacleConfig) -> Obstacle:
 def moved(obstacle: Obstacle, h: float) -> Obstacle:
     """Return an obstacle after h seconds at its own velocity."""
     config = obstacle.config
-    if not any(config.velocity_linear) and not any(config.velocity_angular):
+    if not obstacle.moves:
         return obstacle
     turn = Rotation.from_rotvec(h * np.array(config.velocity_angular)).as_matrix()
     position = obstacle.position + h * np.array(config.velocity_linear)

@@ -5,18 +5,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import dynamics, matching, obstacles, rigid_motion
+from softbody_ros.core import dynamics, matching, obstacles, rigid_motion, sleep
 from softbody_ros.core.config import BodyConfig, ConfigError, WorldConfig, settings, unknown_name
 from softbody_ros.core.dynamics import Batch, SimulationError
 from softbody_ros.core.gains import Gains, make_gains
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
+from softbody_ros.core.sleep import Stillness
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,7 @@ class Snapshot:
     tick: int
     x: tuple[np.ndarray, ...]
     v: tuple[np.ndarray, ...]
+    watched: tuple[Stillness, ...]
     obstacles: tuple[Obstacle, ...]
 
 
@@ -119,7 +122,7 @@ class World:
             for batch, gains, names in zip(self._batches, self._gains, self._members, strict=True):
                 try:
                     with np.errstate(over='ignore', invalid='ignore'):
-                        dynamics.step(batch, gains, gravity, moved, h)
+                        dynamics.step_awake(batch, gains, gravity, moved, h)
                 except (SimulationError, np.linalg.LinAlgError) as error:
                     raise SimulationError(
                         f'tick {self.tick + 1} of {", ".join(names)} cannot be computed '
@@ -130,6 +133,12 @@ class World:
                 batch.swap()
             self._obstacles = moved
             self.tick += 1
+            if self.tick % max(round(sleep.WATCH / h), 1) == 0:
+                self._watch()
+
+    def _watch(self) -> None:
+        for batch, gains in zip(self._batches, self._gains, strict=True):
+            sleep.watch(batch.watched, batch.x, batch.v, batch.rest, gains, self._obstacles)
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
@@ -152,6 +161,7 @@ class World:
             arms = batch.x[row] - centre[:, None]
             spin = np.cross(config.initial_velocity_angular, arms, axisb=0, axisc=0)
             batch.v[row] = np.array(config.initial_velocity_linear)[:, None] + spin
+            batch.watched.quiet_looks[row] = 0
 
     def snapshot(self) -> Snapshot:
         """Return a copy of the state."""
@@ -159,6 +169,7 @@ class World:
             self.tick,
             tuple(batch.x.copy() for batch in self._batches),
             tuple(batch.v.copy() for batch in self._batches),
+            tuple(batch.watched.copy() for batch in self._batches),
             self._obstacles,
         )
 
@@ -169,8 +180,9 @@ class World:
             Obstacle(config, saved.position, saved.rotation)
             for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
         )
-        for batch, x, v in zip(self._batches, snapshot.x, snapshot.v, strict=True):
-            batch.x[:], batch.v[:] = x, v
+        saved_batches = zip(snapshot.x, snapshot.v, snapshot.watched, strict=True)
+        for batch, (x, v, watched) in zip(self._batches, saved_batches, strict=True):
+            batch.x[:], batch.v[:], batch.watched = x, v, watched.copy()
 
     # ----------------------------------------------------------------------------------- config
     def configure(self, config: WorldConfig) -> None:
@@ -191,8 +203,22 @@ class World:
             _reconfigured(current, new)
             for current, new in zip(self._obstacles, config.obstacles, strict=True)
         )
+        self._wake_those_that_notice(self.config, config)
         self.config = config
         self._update_gains()
+
+    def _wake_those_that_notice(self, old: WorldConfig, new: WorldConfig) -> None:
+        """Wake bodies by a change that matters to them; those of start states do not."""
+        elsewhere = (old.gravity != new.gravity).any() or old.obstacles != new.obstacles
+        for before, after in zip(old.bodies, new.bodies, strict=True):
+            start = {
+                field: getattr(after, field)
+                for field in ('position', 'orientation')
+                + ('initial_velocity_linear', 'initial_velocity_angular')
+            }
+            if elsewhere or dataclasses.replace(before, **start) != after:
+                batch, row = self._state(after.name)
+                batch.watched.quiet_looks[row] = 0
 
     def body_config(self, name: str) -> BodyConfig:
         """Return the config of a body."""
@@ -237,6 +263,11 @@ class World:
         """Return (n, 3) float: a copy of the velocities, m/s."""
         batch, row = self._state(name)
         return batch.v[row].T.copy()
+
+    def is_asleep(self, name: str) -> bool:
+        """Return whether a body lies still and is not simulated until something wakes it."""
+        batch, row = self._state(name)
+        return not batch.watched.awake[row]
 
     def rigid_fit(self, name: str) -> RigidFit:
         """Return the rigid motion nearest to a body, and how far each particle is from it."""
