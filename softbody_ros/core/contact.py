@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -77,6 +78,15 @@ class Contacts:
         return np.einsum('ij,ij->i', relative, self.normal)
 
 
+NO_CONTACTS = Contacts(
+    np.zeros(0, dtype=np.int64),
+    np.zeros(0, dtype=np.int64),
+    np.zeros((0, 3)),
+    np.zeros(0),
+    np.zeros((0, 3)),
+)
+
+
 # -------------------------------------------------------------------------------------- detection
 def find(x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray) -> Contacts:
     """
@@ -92,15 +102,13 @@ def find(x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray) -> Contacts:
 
     """
     body, particle = _candidates(x, obstacle, thickness)
+    if not len(body):
+        return NO_CONTACTS
     distance, normal = _distance(x[body, :, particle], obstacle)
     depth = thickness[body] - distance
     touching = depth > 0.0
     body, particle = body[touching], particle[touching]
-    offsets = x[body, :, particle] - obstacle.position
-    config = obstacle.config
-    surface_velocity = np.array(config.velocity_linear) + np.cross(
-        config.velocity_angular, offsets
-    )
+    surface_velocity = obstacle.surface_velocity(x[body, :, particle])
     return Contacts(body, particle, normal[touching], depth[touching], surface_velocity)
 
 
@@ -215,11 +223,13 @@ class Patch:
         """Return the means (B,) of values (k,) over the patches."""
         return _per_body(self.share * values, self.contacts.body, len(self.motion.centre))
 
-    @property
+    @cached_property
     def speed(self) -> np.ndarray:
         """(B,) float: of the patch, along the normal away from the obstacle, m/s."""
         body, motion = self.contacts.body, self.motion
-        velocity = motion.velocity[body] + np.cross(motion.angular_velocity[body], self.arms)
+        velocity = motion.velocity[body] + rigid_motion.cross(
+            motion.angular_velocity[body], self.arms
+        )
         velocity -= self.contacts.surface_velocity
         return self.mean(np.einsum('ij,ij->i', velocity, self.contacts.normal))
 
@@ -227,7 +237,7 @@ class Patch:
         """Return the rigid motions (B, 3, n) that impulses (k,) along the normals cause, m/s."""
         impulses = impulse[:, None] * self.contacts.normal
         velocity = _per_body(impulses, self.contacts.body, len(x))
-        spin = _per_body(np.cross(self.arms, impulses), self.contacts.body, len(x))
+        spin = _per_body(rigid_motion.cross(self.arms, impulses), self.contacts.body, len(x))
         angular_velocity = rigid_motion.applied(self.motion.inverse_inertia, spin)
         return rigid_motion.field(x, self.motion.centre, velocity, angular_velocity)
 

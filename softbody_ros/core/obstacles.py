@@ -36,6 +36,13 @@ class Obstacle:
         """Whether it has a velocity."""
         return any(self.config.velocity_linear) or any(self.config.velocity_angular)
 
+    def surface_velocity(self, points: np.ndarray) -> np.ndarray:
+        """Return (k, 3): its velocity at points (k, 3), m/s."""
+        if not self.moves:
+            return np.zeros(points.shape)
+        spin = np.cross(self.config.velocity_angular, points - self.position)
+        return np.array(self.config.velocity_linear) + spin
+
 
 def placed(config: ObstacleConfig) -> Obstacle:
     """

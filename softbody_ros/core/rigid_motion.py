@@ -99,6 +99,12 @@ def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.matmul(tensor, vectors[..., None])[..., 0]
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the vector products (k, 3); several times faster than `numpy.cross` for few rows."""
+    forwards, backwards = [1, 2, 0], [2, 0, 1]
+    return a[:, forwards] * b[:, backwards] - a[:, backwards] * b[:, forwards]
+
+
 def _spin(weighted_arms: np.ndarray, v: np.ndarray) -> np.ndarray:
     product = np.matmul(weighted_arms, v.transpose(0, 2, 1)).astype(np.float64, copy=False)
     spin = product[:, [1, 2, 0], [2, 0, 1]]
