@@ -396,19 +396,32 @@ def main(args: list[str] | None = None) -> int:
     try:
         # rclpy's own handlers would take the context away in the middle of a callback
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        executor = SingleThreadedExecutor()
-        executor.add_node(SimNode())
+        node = SimNode()
     except (ConfigError, MeshError, ParameterException, RuntimeError) as error:
         rclpy.try_shutdown()
-        return _refuse(error)
+        print('softbody_sim:', ' '.join(str(error).split()), file=sys.stderr)
+        return 1
     try:
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=1.0)
-    except ExternalShutdownException:
-        pass
+        _spin(node, stop)
     finally:
         rclpy.try_shutdown()
     return 0
+
+
+def _spin(node: SimNode, stop: threading.Event) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        try:
+            executor.spin_once(timeout_sec=1.0)
+        except ExternalShutdownException:
+            return
+        except Exception as error:
+            # rclpy's own services raise at a malformed request: nobody may end the node by one
+            node.get_logger().error(
+                f'a callback failed and is ignored: {type(error).__name__}: {error}',
+                throttle_duration_sec=1.0,
+            )
 
 
 def _stop_on_signals() -> threading.Event:
@@ -422,11 +435,6 @@ def _stop_on_signals() -> threading.Event:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, handle)
     return stop
-
-
-def _refuse(error: Exception) -> int:
-    print('softbody_sim:', ' '.join(str(error).split()), file=sys.stderr)
-    return 1
 
 
 if __name__ == '__main__':

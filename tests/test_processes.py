@@ -3,6 +3,7 @@
 """The node as users run it: a process of its own, real mesh files, signals, the installed tree."""
 
 from importlib import resources
+import math
 import os
 import pathlib
 import shutil
@@ -14,12 +15,15 @@ from ament_index_python.packages import get_package_prefix
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
+from softbody_ros import parameters
 from softbody_ros.messages import POINT_TYPE
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -118,6 +122,39 @@ def test_field_checks_of_rclpy_find_nothing(graph):
     ]
     graph.spin_until(lambda: all(received))
     assert process.poll() is None
+
+
+def test_malformed_requests_do_not_end_it(graph):
+    process = graph.process('--ros-args', '-p', 'ball.subdivisions:=1')
+    random = np.random.default_rng(0)
+    client = graph.node.create_client(SetParameters, f'{SIM}/set_parameters')
+    graph.spin_until(client.service_is_ready)
+    names = [*parameters.table(parameters.SceneLists()), 'nope', '', 'ball', 'use_sim_time']
+    for _ in range(300):
+        value = ParameterValue(
+            type=int(random.integers(0, 12)),  # there are only ten types
+            integer_value=int(random.choice([0, -1, 2**62])),
+            double_value=float(random.choice([0.5, math.nan, math.inf, 1e308])),
+            string_value=str(random.choice(['', 'rigid', 'x' * 10000, 'package://'])),
+            byte_array_value=[b'a'],
+            bool_array_value=[True],
+            integer_array_value=[2**62] * 3,
+            double_array_value=[math.nan, 1e300, 0.0],
+            string_array_value=['a', ''],
+        )
+        parameter = Parameter(name=str(random.choice(names)), value=value)
+        if parameter.name == 'use_sim_time':
+            value.bool_value = False
+        future = client.call_async(SetParameters.Request(parameters=[parameter]))
+        if value.type < 10:
+            graph.spin_until(future.done)
+    assert graph.call(Trigger, f'{SIM}/reset').success
+    clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    graph.spin_until(lambda: clouds)
+    assert process.poll() is None
+    code, _, errors = finish(process, signal.SIGINT)
+    assert code == 0
+    assert 'a callback failed and is ignored' in errors
 
 
 # --------------------------------------------------------------------------------------- bad start

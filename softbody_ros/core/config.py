@@ -241,7 +241,8 @@ class BodyConfig(Checked):
         0.5, 'share β of the deformation that the goal follows', minimum=0.0, maximum=1.0
     )
     elasticity: float = setting(
-        0.3, 'restitution ε of contacts', minimum=0.0, maximum=1.0
+        0.3, 'restitution ε of contacts, and how much of its rebound a body keeps', minimum=0.0,
+        maximum=1.0,
     )  # fmt: skip
     friction: float = setting(
         0.2, 'viscous: sliding speed removed per reference_step; coulomb: the coefficient μ',
@@ -269,7 +270,9 @@ class ObstacleConfig(Checked):
     """One thing that bodies bump into; its own +z axis is a plane's normal, a capsule's axis."""
 
     name: str = 'ground'
-    type: str = setting('plane', 'shape', choices=OBSTACLE_TYPES, read_only=True)
+    type: str = setting(
+        'plane', 'shape; mesh is not available yet', choices=OBSTACLE_TYPES, read_only=True
+    )
     position: tuple[float, ...] = _vector((0.0, 0.0, 0.0), 'origin of the shape', unit='m')
     orientation: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0, 1.0), 'quaternion x y z w', minimum=-1.0, maximum=1.0
