@@ -40,6 +40,6 @@ setup(
             'cookie-description==1.2.1',
         ],
     },
-    entry_points={'console_scripts': ['sim_node = softbody_ros.sim_node:main']},
+    entry_points={'console_scripts': ['sim_node = softbody_ros.__main__:main']},
     zip_safe=True,
 )

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-import signal
 import sys
 import threading
 import time
@@ -386,16 +385,14 @@ class _Counters:
     dropped: float
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; a scene that cannot be is one sentence and exit 1."""
-    arguments = sys.argv[1:] if args is None else args
-    if '-h' in arguments or '--help' in arguments:
+def run(stop: threading.Event) -> int:
+    """Run the node until `stop` is set; a scene that cannot be is one sentence and exit code 1."""
+    if {'-h', '--help'} & set(sys.argv[1:]):
         print(USAGE)
         return 0
-    stop = _stop_on_signals()
     try:
         # rclpy's own handlers would take the context away in the middle of a callback
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = SimNode()
     except (ConfigError, MeshError, ParameterException, RuntimeError) as error:
         rclpy.try_shutdown()
@@ -422,20 +419,3 @@ def _spin(node: SimNode, stop: threading.Event) -> None:
                 f'a callback failed and is ignored: {type(error).__name__}: {error}',
                 throttle_duration_sec=1.0,
             )
-
-
-def _stop_on_signals() -> threading.Event:
-    """Return an event that the first SIGINT or SIGTERM sets; a second one ends at once."""
-    stop = threading.Event()
-
-    def handle(number: int, _: object) -> None:
-        stop.set()
-        signal.signal(number, signal.SIG_DFL)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handle)
-    return stop
-
-
-if __name__ == '__main__':
-    sys.exit(main())

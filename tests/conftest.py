@@ -62,7 +62,7 @@ class Graph:
     def process(self, *arguments: str, environment: dict | None = None) -> subprocess.Popen:
         """Start `sim_node` as a process of its own in this graph's domain."""
         process = subprocess.Popen(
-            [sys.executable, '-m', 'softbody_ros.sim_node', *arguments],
+            [sys.executable, '-m', 'softbody_ros', *arguments],
             env=os.environ | {'ROS_DOMAIN_ID': str(self.domain)} | (environment or {}),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

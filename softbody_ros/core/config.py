@@ -241,8 +241,8 @@ class BodyConfig(Checked):
         0.5, 'share β of the deformation that the goal follows', minimum=0.0, maximum=1.0
     )
     elasticity: float = setting(
-        0.3, 'restitution ε of contacts, and how much of its rebound a body keeps', minimum=0.0,
-        maximum=1.0,
+        0.3, 'restitution ε: rigid exactly, else how much of its rebound a body keeps',
+        minimum=0.0, maximum=1.0,
     )  # fmt: skip
     friction: float = setting(
         0.2, 'viscous: sliding speed removed per reference_step; coulomb: the coefficient μ',

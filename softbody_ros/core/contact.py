@@ -3,10 +3,10 @@
 """
 Contact of particles with obstacles, and of deformable bodies by way of their particles.
 
-A deformable body meets an obstacle particle by particle, with restitution and friction. That
-alone would let it sink in until enough light particles touch; so the obstacle also *carries its
-weight* as a whole, but no more than its weight: at rest the body keeps its shape, and an impact,
-whose forces are many times the weight, squashes it all the same.
+A deformable body meets an obstacle particle by particle, with friction. That alone would let it
+sink in until enough light particles touch; so the obstacle also *carries its weight* as a whole,
+but no more than its weight: at rest the body keeps its shape, and an impact, whose forces are many
+times the weight, squashes it all the same. Restitution, too, is that of the body as a whole.
 """
 
 from __future__ import annotations
@@ -71,11 +71,6 @@ class Contacts:
         """Return the contacts after particles have been shifted by a (B, 3, n) field, m."""
         outwards = np.einsum('ij,ij->i', shift[self.body, :, self.particle], self.normal)
         return dataclasses.replace(self, depth=np.maximum(self.depth - outwards, 0.0))
-
-    def along_normal(self, field: np.ndarray) -> np.ndarray:
-        """Return (k,): the normal components of a (B, 3, n) field, relative to the obstacle."""
-        relative = field[self.body, :, self.particle] - self.surface_velocity
-        return np.einsum('ij,ij->i', relative, self.normal)
 
 
 NO_CONTACTS = Contacts(
@@ -298,10 +293,9 @@ def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
     """
     Return the impulses that a body of little elasticity does not get back when it rebounds.
 
-    Restitution of particles alone has next to no effect on the body, even the wrong one: it is the
-    shape that throws it back. So while the patch moves away from the obstacle, the share
-    (1 − ε) / 2 of what the obstacle gives is taken from the body as a whole (Poisson's view of
-    restitution). It only ever takes energy.
+    It is the shape that throws a deformable body back. So while the patch moves away from the
+    obstacle, the share (1 − ε) / 2 of what the obstacle gives is taken from the body as a whole
+    (Poisson's view of restitution). It only ever takes energy.
 
     Parameters
     ----------
@@ -328,10 +322,11 @@ def collide(
     particles: Particles, contacts: Contacts, carried: np.ndarray, tick: Tick
 ) -> np.ndarray:
     """
-    Project particles out of an obstacle and change their velocities, in place.
+    Project particles out of an obstacle and stop their approach, in place.
 
-    The normal impulse is computed from the velocity before matching: after it, the velocity holds
-    the pull towards a goal that may lie inside the obstacle, and resting contacts would chatter.
+    Particles do not bounce by themselves: restitution of so small a share of the mass throws it
+    against the shape's pull again and again, and the pull, which points into the obstacle, would
+    be reflected with it and pump energy. What bounces is the body, see `absorbed_rebound`.
     Friction takes back the same share of the sliding distance as of the sliding speed, so that
     what sticks does not creep.
 
@@ -354,10 +349,7 @@ def collide(
     points = x[body, :, particle]
     relative = v[body, :, particle] - contacts.surface_velocity
     normal_speed = np.einsum('ij,ij->i', relative, normal)
-    approach_speed = contacts.along_normal(particles.approach)
-    rebound = -gains.elasticity[body] * approach_speed
-    bounce = np.where(approach_speed < -tick.slow, rebound, 0.0)
-    push = np.maximum(bounce - normal_speed, 0.0)
+    push = np.maximum(-normal_speed, 0.0)
 
     tangential = relative - normal_speed[:, None] * normal
     sliding_speed = np.linalg.norm(tangential, axis=1)

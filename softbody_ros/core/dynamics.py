@@ -117,7 +117,7 @@ def predict(batch: Batch, tick: Tick) -> Particles:
     x += batch.x
     x += (0.5 * h**2 * tick.gravity).astype(x.dtype)[:, None]
     np.add(batch.v, (h * tick.gravity).astype(v.dtype)[:, None], out=v)
-    return Particles(x, v, start=batch.x, approach=v.copy())
+    return Particles(x, v, start=batch.x)
 
 
 def find_goals(x: np.ndarray, tick: Tick) -> Match:

@@ -26,15 +26,12 @@ class Particles:
         positions, m, and velocities, m/s: the stages change them in place
     start : (B, 3, n) float
         positions at the tick before, m
-    approach : (B, 3, n) float
-        velocities before matching, m/s
 
     """
 
     x: np.ndarray
     v: np.ndarray
     start: np.ndarray
-    approach: np.ndarray
 
 
 @dataclass(frozen=True)
