@@ -313,7 +313,9 @@ def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
     # fades out at the speeds of a body that settles, whose weight must be carried in full
     gravity = max(float(np.linalg.norm(tick.gravity)), 1e-300)
     settling = np.sqrt(gravity * SINKAGE * tick.rest.scale)
-    leaving = np.clip(patch.speed / settling - SETTLED, 0.0, 1.0)
+    # the speed halfway through the push, so that the turn of the motion is found at any step
+    given = _per_body(patch.weight * push, patch.contacts.body, len(patch.speed))
+    leaving = np.clip((patch.speed + 0.5 * given) / settling - SETTLED, 0.0, 1.0)
     lost = 0.5 * (1.0 - tick.gains.elasticity) * leaving
     return -lost[patch.contacts.body] * patch.weight * push
 
