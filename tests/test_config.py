@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, World, WorldConfig
-from softbody_ros.core.config import replaced, settings
+from softbody_ros.core.config import settings
 
 CLASSES = (BodyConfig, ObstacleConfig, WorldConfig)
 
@@ -290,14 +290,6 @@ def test_a_surface_stands_for_a_mesh_name():
 def test_gravity_has_the_magnitude_whatever_the_length_of_its_direction():
     config = WorldConfig(gravity_magnitude=3.0, gravity_direction=(0.0, 30.0, -40.0))
     assert config.gravity == pytest.approx([0.0, 1.8, -2.4])
-
-
-def test_replaced_takes_dotted_names_and_checks_again():
-    config = replaced(BodyConfig(), {'initial_velocity.linear': [1, 2, 3], 'mass': 2})
-    assert config.initial_velocity_linear == (1.0, 2.0, 3.0)
-    assert config.mass == 2.0
-    with pytest.raises(ConfigError, match='stiffness'):
-        replaced(config, {'stiffness': 1.1})
 
 
 def test_a_world_of_nothing_can_be_stepped():

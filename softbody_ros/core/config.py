@@ -9,7 +9,7 @@ ROS parameters, their descriptors and the README table are all derived from it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
 from dataclasses import dataclass
 import difflib
@@ -321,9 +321,3 @@ class WorldConfig(Checked):
         """(3,) float: acceleration, m/s²."""
         direction = np.array(self.gravity_direction)
         return self.gravity_magnitude / np.linalg.norm(direction) * direction
-
-
-def replaced(config: Any, values: Mapping[str, Any]) -> Any:
-    """Return `config` with fields replaced, given their dotted names, and checked again."""
-    fields = {dotted: field for field, dotted, _ in settings(config)}
-    return dataclasses.replace(config, **{fields[name]: value for name, value in values.items()})
