@@ -216,7 +216,7 @@ def descriptor(facts: Setting) -> ParameterDescriptor:
 
 def type_name(facts: Setting) -> str:
     """Return the type as ROS tools name it."""
-    names = {bool: 'bool', int: 'integer', float: 'double', str: 'string'}
+    names = {int: 'integer', float: 'double', str: 'string'}
     if isinstance(facts.default, tuple):
         return names[type(facts.default[0])] + ' array'
     return names[type(facts.default)]

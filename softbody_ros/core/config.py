@@ -99,10 +99,6 @@ def checked(name: str, value: Any, facts: Setting) -> Any:
 
     """
     default = facts.default
-    if isinstance(default, bool):
-        if not isinstance(value, (bool, np.bool_)):
-            raise ConfigError(f'{name} is {value!r}: it must be true or false')
-        return bool(value)
     if isinstance(default, str):
         if not isinstance(value, str):
             raise ConfigError(f'{name} is {value!r}: it must be a text')

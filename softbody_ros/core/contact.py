@@ -59,13 +59,8 @@ class Contacts:
 
     def where(self, selected: np.ndarray) -> Contacts:
         """Return some of the contacts."""
-        return Contacts(
-            self.body[selected],
-            self.particle[selected],
-            self.normal[selected],
-            self.depth[selected],
-            self.surface_velocity[selected],
-        )
+        columns = (getattr(self, item.name) for item in dataclasses.fields(self))
+        return Contacts(*(column[selected] for column in columns))
 
     def after(self, shift: np.ndarray) -> Contacts:
         """Return the contacts after particles have been shifted by a (B, 3, n) field, m."""
@@ -99,18 +94,17 @@ def find(x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray) -> Contacts:
     body, particle = _candidates(x, obstacle, thickness)
     if not len(body):
         return NO_CONTACTS
-    distance, normal = _distance(x[body, :, particle], obstacle)
+    points = x[body, :, particle]
+    distance, normal = _distance(points, obstacle)
     depth = thickness[body] - distance
-    touching = depth > 0.0
-    body, particle = body[touching], particle[touching]
-    surface_velocity = obstacle.surface_velocity(x[body, :, particle])
-    return Contacts(body, particle, normal[touching], depth[touching], surface_velocity)
+    contacts = Contacts(body, particle, normal, depth, obstacle.surface_velocity(points))
+    return contacts.where(depth > 0.0)
 
 
 def joined(parts: Sequence[Contacts]) -> Contacts:
     """Return the contacts with several obstacles as one."""
-    columns = zip(*(dataclasses.astuple(part) for part in parts), strict=True)
-    return Contacts(*(np.concatenate(column) for column in columns))
+    names = [item.name for item in dataclasses.fields(Contacts)]
+    return Contacts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def _distance(points: np.ndarray, obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray]:
@@ -160,6 +154,8 @@ def meet(
     tick : Tick
 
     """
+    if tick.gains.rigid.all():
+        return
     changed = False
     for obstacle in obstacles:
         contacts = find(particles.x, obstacle, tick.gains.thickness)

@@ -15,7 +15,6 @@ from softbody_ros.core.matching import Match
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import LINEAR, RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
-from softbody_ros.core.sleep import Stillness, stillness
 from softbody_ros.core.tick import Particles, Tick
 
 LARGEST_MOMENT = 1e100
@@ -36,8 +35,6 @@ class Batch:
     rest : RestShape
     x, v : (B, 3, n) float
         positions, m, and velocities, m/s
-    watched : Stillness
-        which of them sleep
     next_x, next_v : (B, 3, n) float
         where a tick is computed; `World` swaps them in once all batches have succeeded
 
@@ -46,12 +43,10 @@ class Batch:
     rest: RestShape
     x: np.ndarray
     v: np.ndarray
-    watched: Stillness = field(init=False)
     next_x: np.ndarray = field(init=False)
     next_v: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.watched = stillness(self.x)
         self.next_x, self.next_v = np.empty_like(self.x), np.empty_like(self.v)
 
     def swap(self) -> None:
@@ -61,18 +56,21 @@ class Batch:
 
 
 def step_awake(
-    batch: Batch, gains: Gains, gravity: np.ndarray, obstacles: Sequence[Obstacle], h: float
+    batch: Batch,
+    awake: np.ndarray,
+    gains: Gains,
+    gravity: np.ndarray,
+    obstacles: Sequence[Obstacle],
+    h: float,
 ) -> None:
-    """Compute the next tick of those bodies of a batch that do not sleep; see `step`."""
-    awake = batch.watched.awake
+    """Compute the next tick of the bodies of a batch that are awake, (B,) bool; see `step`."""
     if awake.all():
         step(batch, gains, gravity, obstacles, h)
         return
+    part = Batch(batch.rest, batch.x[awake], batch.v[awake])
+    step(part, gains.of(awake), gravity, obstacles, h)
     batch.next_x[:], batch.next_v[:] = batch.x, batch.v
-    if awake.any():
-        part = Batch(batch.rest, batch.x[awake], batch.v[awake])
-        step(part, gains.of(awake), gravity, obstacles, h)
-        batch.next_x[awake], batch.next_v[awake] = part.next_x, part.next_v
+    batch.next_x[awake], batch.next_v[awake] = part.next_x, part.next_v
 
 
 def step(

@@ -81,11 +81,11 @@ def watch(
         bodies fall asleep on these only: what floats or lies on a moving one stays awake
 
     """
+    if not watched.awake.any() or any(obstacle.moves for obstacle in obstacles):
+        return
     quiet = QUIET * rest.scale
     lies_on = np.zeros(len(x), dtype=bool)
     for obstacle in obstacles:
-        if obstacle.moves:
-            return
         lies_on[contact.find(x, obstacle, gains.thickness + quiet).body] = True
     still = lies_on & (np.abs(x - watched.anchor).max(axis=(1, 2)) < quiet)
     watched.quiet_looks = np.where(still, watched.quiet_looks + 1, 0)

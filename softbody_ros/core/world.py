@@ -12,7 +12,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import dynamics, matching, obstacles, rigid_motion, sleep
-from softbody_ros.core.config import BodyConfig, ConfigError, WorldConfig, settings, unknown_name
+from softbody_ros.core.config import (
+    BodyConfig,
+    ConfigError,
+    ObstacleConfig,
+    WorldConfig,
+    settings,
+    unknown_name,
+)
 from softbody_ros.core.dynamics import Batch, SimulationError
 from softbody_ros.core.gains import Gains, make_gains
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
@@ -85,7 +92,8 @@ class World:
         self.config = config
         self.tick = 0
         self._dtype = dtype
-        self._obstacles = tuple(obstacles.placed(obstacle) for obstacle in config.obstacles)
+        self._obstacles: tuple[Obstacle, ...] = ()
+        self._index = {body.name: index for index, body in enumerate(config.bodies)}
         self._members = _members_by_shape(config.bodies)
         self._place = {
             name: (batch, row)
@@ -96,6 +104,7 @@ class World:
             _rest_shape_of(self.body_config(names[0]), dtype) for names in self._members
         ]
         self._batches: list[Batch] = []
+        self._watched: list[Stillness] = []
         self._gains: list[Gains] = []
         self._update_gains()
         self.reset()
@@ -119,17 +128,24 @@ class World:
         gravity, h = self.config.gravity, self.config.time_step
         for _ in range(ticks):
             moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
-            for batch, gains, names in zip(self._batches, self._gains, self._members, strict=True):
+            computed = []
+            for batch, watched, gains, names in zip(
+                self._batches, self._watched, self._gains, self._members, strict=True
+            ):
+                awake = watched.awake
+                if not awake.any():
+                    continue
                 try:
                     with np.errstate(over='ignore', invalid='ignore'):
-                        dynamics.step_awake(batch, gains, gravity, moved, h)
+                        dynamics.step_awake(batch, awake, gains, gravity, moved, h)
+                    computed.append(batch)
                 except (SimulationError, np.linalg.LinAlgError) as error:
                     raise SimulationError(
                         f'tick {self.tick + 1} of {", ".join(names)} cannot be computed '
                         f'({error}): the state stays at tick {self.tick}, reset it or lower '
                         'the velocities'
                     ) from error
-            for batch in self._batches:
+            for batch in computed:
                 batch.swap()
             self._obstacles = moved
             self.tick += 1
@@ -137,8 +153,8 @@ class World:
                 self._watch()
 
     def _watch(self) -> None:
-        for batch, gains in zip(self._batches, self._gains, strict=True):
-            sleep.watch(batch.watched, batch.x, batch.v, batch.rest, gains, self._obstacles)
+        for batch, watched, gains in zip(self._batches, self._watched, self._gains, strict=True):
+            sleep.watch(watched, batch.x, batch.v, batch.rest, gains, self._obstacles)
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
@@ -150,6 +166,7 @@ class World:
             x = np.stack([_start_positions(self.body_config(name), rest) for name in names])
             x = x.astype(self._dtype)
             self._batches.append(Batch(rest, x, np.zeros_like(x)))
+        self._watched = [sleep.stillness(batch.x) for batch in self._batches]
         self.apply_initial_velocity()
 
     def apply_initial_velocity(self) -> None:
@@ -161,7 +178,7 @@ class World:
             arms = batch.x[row] - centre[:, None]
             spin = np.cross(config.initial_velocity_angular, arms, axisb=0, axisc=0)
             batch.v[row] = np.array(config.initial_velocity_linear)[:, None] + spin
-            batch.watched.quiet_looks[row] = 0
+            self._wake(name)
 
     def snapshot(self) -> Snapshot:
         """Return a copy of the state."""
@@ -169,7 +186,7 @@ class World:
             self.tick,
             tuple(batch.x.copy() for batch in self._batches),
             tuple(batch.v.copy() for batch in self._batches),
-            tuple(batch.watched.copy() for batch in self._batches),
+            tuple(watched.copy() for watched in self._watched),
             self._obstacles,
         )
 
@@ -180,9 +197,9 @@ class World:
             Obstacle(config, saved.position, saved.rotation)
             for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
         )
-        saved_batches = zip(snapshot.x, snapshot.v, snapshot.watched, strict=True)
-        for batch, (x, v, watched) in zip(self._batches, saved_batches, strict=True):
-            batch.x[:], batch.v[:], batch.watched = x, v, watched.copy()
+        self._watched = [watched.copy() for watched in snapshot.watched]
+        for batch, x, v in zip(self._batches, snapshot.x, snapshot.v, strict=True):
+            batch.x[:], batch.v[:] = x, v
 
     # ----------------------------------------------------------------------------------- config
     def configure(self, config: WorldConfig) -> None:
@@ -217,16 +234,16 @@ class World:
                 + ('initial_velocity_linear', 'initial_velocity_angular')
             }
             if elsewhere or dataclasses.replace(before, **start) != after:
-                batch, row = self._state(after.name)
-                batch.watched.quiet_looks[row] = 0
+                self._wake(after.name)
+
+    def _wake(self, name: str) -> None:
+        batch, row = self._place[name]
+        self._watched[batch].quiet_looks[row] = 0
 
     def body_config(self, name: str) -> BodyConfig:
         """Return the config of a body."""
-        for body in self.config.bodies:
-            if body.name == name:
-                return body
-        names = [body.name for body in self.config.bodies]
-        raise ConfigError(f'there is no body {name!r}: {unknown_name(name, names)}')
+        self._require_body(name)
+        return self.config.bodies[self._index[name]]
 
     def _update_gains(self) -> None:
         config = self.config
@@ -266,8 +283,9 @@ class World:
 
     def is_asleep(self, name: str) -> bool:
         """Return whether a body lies still and is not simulated until something wakes it."""
-        batch, row = self._state(name)
-        return not batch.watched.awake[row]
+        self._require_body(name)
+        batch, row = self._place[name]
+        return not self._watched[batch].awake[row]
 
     def rigid_fit(self, name: str) -> RigidFit:
         """Return the rigid motion nearest to a body, and how far each particle is from it."""
@@ -287,9 +305,12 @@ class World:
             displacement=np.linalg.norm(x[0] - goal[0], axis=0),
         )
 
-    def _state(self, name: str) -> tuple[Batch, int]:
+    def _require_body(self, name: str) -> None:
         if name not in self._place:
             raise ConfigError(f'there is no body {name!r}: {unknown_name(name, self.names)}')
+
+    def _state(self, name: str) -> tuple[Batch, int]:
+        self._require_body(name)
         batch, row = self._place[name]
         return self._batches[batch], row
 
@@ -321,8 +342,8 @@ def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
     return rotation @ rest.surface.vertices.T + np.array(body.position)[:, None]
 
 
-def _reconfigured(current: Obstacle, config: object) -> Obstacle:
-    target = obstacles.placed(config)  # type: ignore[arg-type]
+def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
+    target = obstacles.placed(config)
     same_pose = (
         current.config.position == target.config.position
         and current.config.orientation == target.config.orientation
