@@ -72,9 +72,9 @@ class Appearance(Checked):
 class SceneLists(Checked):
     """Which bodies and obstacles there are: their names prefix their parameters."""
 
-    bodies: tuple[str, ...] = setting(('ball',), 'names of the bodies', read_only=True)
+    bodies: tuple[str, ...] = setting(('ball',), 'names of the bodies', read_only=True, items=str)
     obstacles: tuple[str, ...] = setting(
-        ('ground',), 'names of the obstacles; [] for none', read_only=True
+        ('ground',), 'names of the obstacles; [] for none', read_only=True, items=str
     )
 
 
@@ -187,10 +187,10 @@ def _is_integer(value: Any) -> bool:
     return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
-def as_parameter(value: Any) -> Any:
-    """Return a setting's value as rclpy wants it."""
-    if isinstance(value, tuple):
-        return list(value) or ['']  # rclpy cannot tell the type of an empty list
+def as_parameter(value: Any, facts: Setting) -> Any:
+    """Return a setting's value as rclpy wants it, which cannot tell the type of an empty list."""
+    if isinstance(value, (tuple, list)):
+        return list(value) or ([''] if facts.items is str else [-1])
     return value
 
 
@@ -201,7 +201,7 @@ def descriptor(facts: Setting) -> ParameterDescriptor:
         additional_constraints=facts.range_text,
         read_only=facts.read_only,
     )
-    if facts.minimum is None or facts.maximum is None or facts.length is not None:
+    if facts.minimum is None or facts.maximum is None or isinstance(facts.default, tuple):
         return result
     if isinstance(facts.default, int):
         result.integer_range = [
@@ -218,7 +218,7 @@ def type_name(facts: Setting) -> str:
     """Return the type as ROS tools name it."""
     names = {int: 'integer', float: 'double', str: 'string'}
     if isinstance(facts.default, tuple):
-        return names[type(facts.default[0])] + ' array'
+        return names[facts.items or float] + ' array'
     return names[type(facts.default)]
 
 

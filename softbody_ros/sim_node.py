@@ -102,7 +102,7 @@ class SimNode(Node):
         self._known = parameters.table(lists)
         self._values |= {'bodies': lists.bodies, 'obstacles': lists.obstacles}
         for name, facts in self._known.items():
-            value = parameters.as_parameter(self._values.get(name, facts.default))
+            value = parameters.as_parameter(self._values.get(name, facts.default), facts)
             self._values[name] = value
             self.declare_parameter(name, value, parameters.descriptor(facts), ignore_override=True)
         self.add_pre_set_parameters_callback(self._promote_integers)

@@ -125,7 +125,7 @@ def collided(velocity, obstacle=None, position=(0.0, 0.0, -0.01), h=H, **values)
     gains = make_gains([BodyConfig(**values)], h, 1 / 120)
     x = np.array(position, dtype=float).reshape(1, 3, 1)
     v = np.array(velocity, dtype=float).reshape(1, 3, 1)
-    tick = Tick(cloud_of_one(), gains, np.array([0.0, 0.0, -G]), h)
+    tick = Tick(cloud_of_one(), None, gains, np.array([0.0, 0.0, -G]), h)
     contacts = contact.find(x, obstacle, gains.thickness)
     if len(contacts):
         contact.collide(Particles(x, v, x.copy()), contacts, np.zeros(1), tick)

@@ -36,7 +36,11 @@ class ConfigError(ValueError):
 
 @dataclass(frozen=True)
 class Setting:
-    """The facts about one field; `minimum` and `maximum` hold for each element of a vector."""
+    """
+    The facts about one field; `minimum` and `maximum` hold for each element of a vector.
+
+    `items` is the type of the elements of a list of any length.
+    """
 
     default: Any
     description: str
@@ -46,11 +50,12 @@ class Setting:
     choices: tuple[str, ...] = ()
     group: str = ''
     read_only: bool = False
+    items: type | None = None
 
     @property
     def length(self) -> int | None:
         """Number of elements of a numeric vector, None for anything else."""
-        is_vector = isinstance(self.default, tuple) and isinstance(self.default[0], float)
+        is_vector = isinstance(self.default, tuple) and self.items is None
         return len(self.default) if is_vector else None
 
     @property
@@ -76,7 +81,7 @@ def settings(config_class: type | object) -> Iterator[tuple[str, str, Setting]]:
     Yield (field name, dotted name, Setting) of each field made by `setting`.
 
     The dotted name is the ROS parameter's: field `gravity_magnitude` of group `gravity` is
-    `gravity.magnitude`.
+    `gravity.magnitude`, `pins_velocity_linear` of group `pins.velocity` is `pins.velocity.linear`.
     """
     for field in dataclasses.fields(config_class):  # type: ignore[arg-type]
         facts = field.metadata.get('setting')
@@ -84,7 +89,8 @@ def settings(config_class: type | object) -> Iterator[tuple[str, str, Setting]]:
             continue
         dotted = field.name
         if facts.group:
-            dotted = facts.group + '.' + field.name.removeprefix(facts.group + '_')
+            start = facts.group.replace('.', '_') + '_'
+            dotted = facts.group + '.' + field.name.removeprefix(start)
         yield field.name, dotted, facts
 
 
@@ -108,10 +114,14 @@ def checked(name: str, value: Any, facts: Setting) -> Any:
     if isinstance(default, tuple):
         is_list = isinstance(value, Sequence) and not isinstance(value, str)
         is_list |= isinstance(value, np.ndarray) and value.ndim > 0
-        if facts.length is None:
+        if facts.items is str:
             if not is_list or not all(isinstance(item, str) for item in value):
                 raise ConfigError(f'{name} is {value!r}: it must be a list of names')
             return tuple(value)
+        if facts.items is int:
+            if not is_list:
+                raise ConfigError(f'{name} is {_shown(value)}: it must be a list of whole numbers')
+            return tuple(_number(name, value, item, facts, int) for item in value)
         if not is_list or len(value) != facts.length:
             raise ConfigError(f'{name} is {_shown(value)}: it must be {facts.length} numbers')
         return tuple(_number(name, value, item, facts, float) for item in value)
@@ -248,12 +258,59 @@ class BodyConfig(Checked):
     volume_conservation: float = setting(
         1.0, 'how far the goal keeps the rest volume', minimum=0.0, maximum=1.0
     )
+    damping: float = setting(
+        0.0, 'share of the velocity of deformation removed per reference_step; never of the '
+        'rigid motion', minimum=0.0, maximum=1.0,
+    )  # fmt: skip
     thickness: float = setting(
         0.0, 'distance kept from obstacles', unit='m', minimum=0.0, maximum=1e3
     )
+    regions_count: int = setting(
+        0, 'parts that are matched by themselves, so that the body bends locally; 0 is none',
+        minimum=0, maximum=4096, group='regions', read_only=True,
+    )  # fmt: skip
+    regions_overlap: int = setting(
+        3, 'regions that each particle belongs to', minimum=1, maximum=16, group='regions',
+        read_only=True,
+    )  # fmt: skip
+    regions_whole_body_weight: float = setting(
+        0.3, 'weight of the match of the whole body; the regions share the rest', minimum=0.0,
+        maximum=1.0, group='regions',
+    )  # fmt: skip
+    plasticity_yield: float = setting(
+        0.1, 'strain beyond which deformation becomes permanent', minimum=0.0, maximum=10.0,
+        group='plasticity',
+    )  # fmt: skip
+    plasticity_creep: float = setting(
+        0.0, 'rate at which it does; 0 is none', unit='1/s', minimum=0.0, maximum=1e4,
+        group='plasticity',
+    )  # fmt: skip
+    plasticity_max: float = setting(
+        0.3, 'largest permanent strain', minimum=0.0, maximum=0.9, group='plasticity'
+    )
+    pins_indices: tuple[int, ...] = setting(
+        (), 'vertices that are held where they are; [-1] for none', minimum=-1, maximum=2**31,
+        items=int,
+        group='pins',
+    )  # fmt: skip
+    pins_box: tuple[float, ...] = _vector(
+        (0.0,) * 6, 'vertices in this box of the mesh are held too: x y z of two corners, in the '
+        'axes of the mesh; all 0 for none', unit='m', group='pins',
+    )  # fmt: skip
+    pins_velocity_linear: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0), 'with which the held vertices are moved', unit='m/s', minimum=-1e4,
+        maximum=1e4, group='pins.velocity',
+    )  # fmt: skip
+    pins_velocity_angular: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0), 'about their centre, world axes', unit='rad/s', minimum=-1e4,
+        maximum=1e4, group='pins.velocity',
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # rclpy cannot tell the type of an empty list
+        pins = tuple(index for index in self.pins_indices if index >= 0)
+        object.__setattr__(self, 'pins_indices', pins)
         if self.friction_model == 'viscous' and self.friction > 1.0:
             raise ConfigError(
                 f'{self.prefix}friction is {self.friction:g}: with friction_model viscous it is '

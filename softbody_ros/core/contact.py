@@ -19,7 +19,6 @@ from functools import cached_property
 import numpy as np
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.matching import Match
 from softbody_ros.core.obstacles import SIGNED_DISTANCE, Obstacle
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
@@ -135,7 +134,7 @@ def _candidates(
 # -------------------------------------------------------------------------------------- deformable
 def meet(
     particles: Particles,
-    match: Match,
+    goals: np.ndarray,
     motion: RigidMotion,
     obstacles: Sequence[Obstacle],
     tick: Tick,
@@ -147,7 +146,8 @@ def meet(
     ----------
     particles : Particles
         changed in place
-    match : Match
+    goals : (B, 3, n) float
+        where the particles want to be, m
     motion : RigidMotion
         of the bodies before
     obstacles : sequence of Obstacle
@@ -165,7 +165,7 @@ def meet(
         if changed:
             motion = rigid_motion.rigid_motion(particles.x, particles.v, motion.centre, tick.rest)
         patch = _patch(particles.x, contacts, motion, tick.rest)
-        sunk = depth_of_goals(contacts, obstacle, match, tick)
+        sunk = depth_of_goals(contacts, obstacle, goals, tick)
         _respond(particles, patch, sunk, tick)
         changed = True
 
@@ -242,13 +242,12 @@ def _patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: RestSha
     return Patch(contacts, motion, weight, share, arms)
 
 
-def depth_of_goals(contacts: Contacts, obstacle: Obstacle, match: Match, tick: Tick) -> np.ndarray:
+def depth_of_goals(
+    contacts: Contacts, obstacle: Obstacle, goals: np.ndarray, tick: Tick
+) -> np.ndarray:
     """Return (k,): how deep the goals of touching particles lie in the obstacle, m, or 0."""
-    body, rest, transforms = contacts.body, tick.rest, match.transforms[1]
-    features = rest.features[1 : 1 + transforms.shape[-1], contacts.particle]
-    offsets = np.einsum('kif,fk->ki', transforms[body], features)
-    distance, _ = _distance(match.centre[body] + rest.scale * offsets, obstacle)
-    return np.maximum(tick.gains.thickness[body] - distance, 0.0)
+    distance, _ = _distance(goals[contacts.body, :, contacts.particle], obstacle)
+    return np.maximum(tick.gains.thickness[contacts.body] - distance, 0.0)
 
 
 def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:

@@ -4,15 +4,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from softbody_ros.core import contact, matching, rigid_contact, rigid_motion
+from softbody_ros.core import (
+    contact,
+    matching,
+    pins,
+    plasticity,
+    regions,
+    rigid_contact,
+    rigid_motion,
+)
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.matching import Match
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.pins import Pins
+from softbody_ros.core.regions import Regions
 from softbody_ros.core.rest_shape import LINEAR, RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.tick import Particles, Tick
@@ -33,18 +43,25 @@ class Batch:
     Attributes
     ----------
     rest : RestShape
+    regions : Regions or None
+        K regions, none for bodies that are matched as wholes
     x, v : (B, 3, n) float
         positions, m, and velocities, m/s
-    next_x, next_v : (B, 3, n) float
+    plastic : (B, 1 + K, 3, 3) float or None
+        permanent stretches, None where nothing has ever become permanent
+    next_x, next_v, next_plastic
         where a tick is computed; `World` swaps them in once all batches have succeeded
 
     """
 
     rest: RestShape
+    regions: Regions | None
     x: np.ndarray
     v: np.ndarray
+    plastic: np.ndarray | None = None
     next_x: np.ndarray = field(init=False)
     next_v: np.ndarray = field(init=False)
+    next_plastic: np.ndarray | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self.next_x, self.next_v = np.empty_like(self.x), np.empty_like(self.v)
@@ -53,31 +70,50 @@ class Batch:
         """Make the computed tick the current one."""
         self.x, self.next_x = self.next_x, self.x
         self.v, self.next_v = self.next_v, self.v
+        self.plastic = self.next_plastic
+
+    def intact(self) -> np.ndarray:
+        """Return (B, 1 + K, 3, 3): the plastic state of bodies that are not deformed."""
+        matches = 1 + (self.regions.count if self.regions else 0)
+        return np.tile(np.eye(3), (len(self.x), matches, 1, 1))
 
 
 def step_awake(
     batch: Batch,
     awake: np.ndarray,
     gains: Gains,
+    pinned: Mapping[int, Pins],
     gravity: np.ndarray,
     obstacles: Sequence[Obstacle],
     h: float,
 ) -> None:
     """Compute the next tick of the bodies of a batch that are awake, (B,) bool; see `step`."""
     if awake.all():
-        step(batch, gains, gravity, obstacles, h)
+        step(batch, gains, pinned, gravity, obstacles, h)
         return
-    part = Batch(batch.rest, batch.x[awake], batch.v[awake])
-    step(part, gains.of(awake), gravity, obstacles, h)
+    plastic = None if batch.plastic is None else batch.plastic[awake]
+    part = Batch(batch.rest, batch.regions, batch.x[awake], batch.v[awake], plastic)
+    rows = {row: place for place, row in enumerate(np.flatnonzero(awake).tolist())}
+    part_pinned = {rows[row]: pins for row, pins in pinned.items() if row in rows}
+    step(part, gains.of(awake), part_pinned, gravity, obstacles, h)
     batch.next_x[:], batch.next_v[:] = batch.x, batch.v
     batch.next_x[awake], batch.next_v[awake] = part.next_x, part.next_v
+    batch.next_plastic = batch.plastic
+    if part.next_plastic is not None:
+        batch.next_plastic = batch.intact() if batch.plastic is None else batch.plastic.copy()
+        batch.next_plastic[awake] = part.next_plastic
 
 
 def step(
-    batch: Batch, gains: Gains, gravity: np.ndarray, obstacles: Sequence[Obstacle], h: float
+    batch: Batch,
+    gains: Gains,
+    pinned: Mapping[int, Pins],
+    gravity: np.ndarray,
+    obstacles: Sequence[Obstacle],
+    h: float,
 ) -> None:
     """
-    Compute the next tick of a batch into `next_x` and `next_v`.
+    Compute the next tick of a batch into `next_x`, `next_v` and `next_plastic`.
 
     Free flight is exact: a parabola at any step, with momentum and angular momentum kept to
     rounding.
@@ -86,6 +122,8 @@ def step(
     ----------
     batch : Batch
     gains : Gains
+    pinned : mapping of int to Pins
+        by row of the batch
     gravity : (3,) float
         m/s²
     obstacles : sequence of Obstacle
@@ -98,14 +136,16 @@ def step(
         if a number would not be finite.
 
     """
-    tick = Tick(batch.rest, gains, gravity, h)
+    tick = Tick(batch.rest, batch.regions, gains, gravity, h)
     particles = predict(batch, tick)
-    match = find_goals(particles.x, tick)
+    match = find_goals(particles, tick)
     momentum = rigid_motion.momentum(particles.x, particles.v, match.centre, tick.rest)
     pull(particles, match, tick)
     motion = restore_momentum(particles, match, momentum, tick)
-    contact.meet(particles, match, motion, obstacles, tick)
+    contact.meet(particles, match.goals[1], motion, obstacles, tick)
     rigid_contact.meet(particles, obstacles, tick)
+    pins.hold(particles, pinned, tick)
+    batch.next_plastic = match.plastic
 
 
 def predict(batch: Batch, tick: Tick) -> Particles:
@@ -115,18 +155,92 @@ def predict(batch: Batch, tick: Tick) -> Particles:
     x += batch.x
     x += (0.5 * h**2 * tick.gravity).astype(x.dtype)[:, None]
     np.add(batch.v, (h * tick.gravity).astype(v.dtype)[:, None], out=v)
-    return Particles(x, v, start=batch.x)
+    return Particles(x, v, start=batch.x, plastic=batch.plastic)
 
 
-def find_goals(x: np.ndarray, tick: Tick) -> Match:
-    """Match the rest shape with positions (B, 3, n): where each body wants to be."""
-    rest, gains = tick.rest, tick.gains
-    centre, moment = matching.moments(x, rest, gains.features)
+def find_goals(particles: Particles, tick: Tick) -> Match:
+    """Match the rest shape with the particles: where they want to be."""
+    rest, gains, plastic = tick.rest, tick.gains, particles.plastic
+    centre, moment = matching.moments(particles.x, rest, gains.features)
     require_finite(moment)
-    rotations = matching.rotation(moment)
-    fits = fit_of_each_mode(moment, rotations, rest, gains)
-    transforms = matching.blended(fits, rotations, gains.deformation)
-    return Match(centre, matching.with_volume(transforms, rest, gains.volume_conservation))
+    stretch = None if plastic is None else plastic[:, 0]
+    undeformed = plasticity.undeformed(moment, stretch)
+    fits = fit_of_each_mode(moment, undeformed, stretch, tick)
+    deformation = gains.deformation * (1.0 - fits.strayed)
+    transforms = matching.blended(fits.followed, undeformed, deformation)
+    strained = plasticity.elastic(fits.nearest[..., :LINEAR], stretch)[:, None]
+    if tick.regions is None:
+        goals = matching.goals(centre, transforms, rest)
+    else:
+        whole = gains.whole_body[:, None]
+        goals = matching.goals(whole * centre, whole[..., None] * transforms, rest)
+        stretch = None if plastic is None else plastic[:, 1:]
+        parts = regions.match(particles.x, tick.regions, rest, stretch)
+        goals += regions.goals(parts, tick.regions, rest, gains, stretch)
+        strained = np.concatenate([strained, plasticity.elastic(parts.fits, stretch)], axis=1)
+    return Match(centre, goals, fits.strayed, flowed(plastic, strained, fits.strayed, gains))
+
+
+def flowed(
+    plastic: np.ndarray | None, strained: np.ndarray, strayed: np.ndarray, gains: Gains
+) -> np.ndarray | None:
+    """Return the plastic state after the tick; what has strayed comes back, it does not flow."""
+    if not gains.creeping.any():
+        return plastic
+    if plastic is None:
+        plastic = np.broadcast_to(np.eye(3), strained.shape)
+    creeping = gains.creeping * (strayed < 1.0)
+    limits = (gains.yield_strain, creeping, gains.largest_strain)
+    return plasticity.flowed(plastic, strained, *(limit[:, None] for limit in limits))
+
+
+@dataclass(frozen=True)
+class Fits:
+    """
+    What the shapes of B bodies come nearest to the particles with.
+
+    Attributes
+    ----------
+    nearest : (B, 3, F) float
+    followed : (2, B, 3, F) float
+        what the goals of positions and of velocities follow of it: their volume is conserved
+    strayed : (B,) float
+        see `Match`
+
+    """
+
+    nearest: np.ndarray
+    followed: np.ndarray
+    strayed: np.ndarray
+
+
+def fit_of_each_mode(
+    moment: np.ndarray, undeformed: np.ndarray, stretch: np.ndarray | None, tick: Tick
+) -> Fits:
+    """Return the quadratic fits of quadratic bodies, the linear ones of the others."""
+    fits = find_fits(moment, undeformed, stretch, tick)
+    quadratic = tick.gains.quadratic
+    if tick.gains.features == LINEAR or quadratic.all():
+        return fits
+    linear = find_fits(moment[..., :LINEAR], undeformed, stretch, tick)
+    chosen = quadratic[:, None, None]
+    return Fits(
+        np.where(chosen, fits.nearest, matching.padded(linear.nearest)),
+        np.where(chosen, fits.followed, matching.padded(linear.followed)),
+        np.where(quadratic, fits.strayed, linear.strayed),
+    )
+
+
+def find_fits(
+    moment: np.ndarray, undeformed: np.ndarray, stretch: np.ndarray | None, tick: Tick
+) -> Fits:
+    """Fit as many features as the moments (B, 3, F) have."""
+    nearest = matching.fit(moment, undeformed, tick.rest)
+    kept, volume = matching.of_rest_volume(nearest, tick.rest)
+    strayed = matching.strayed(plasticity.elastic(nearest, stretch), volume)
+    kept = np.where((strayed < 1.0)[:, None, None], kept, nearest)
+    conserved = tick.gains.volume_conservation[..., None, None]
+    return Fits(nearest, nearest + conserved * (kept - nearest), strayed)
 
 
 def require_finite(moment: np.ndarray) -> None:
@@ -135,27 +249,26 @@ def require_finite(moment: np.ndarray) -> None:
         raise SimulationError('a position or velocity is not finite any more')
 
 
-def fit_of_each_mode(
-    moment: np.ndarray, rotations: np.ndarray, rest: RestShape, gains: Gains
-) -> np.ndarray:
-    """Return (B, 3, F): the quadratic fit of quadratic bodies, the linear fit of the others."""
-    fits = matching.fit(moment, rotations, rest)
-    if gains.features == LINEAR or gains.quadratic.all():
-        return fits
-    linear = matching.padded(matching.fit(moment[..., :LINEAR], rotations, rest))
-    return np.where(gains.quadratic[:, None, None], fits, linear)
-
-
 def pull(particles: Particles, match: Match, tick: Tick) -> None:
-    """Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h."""
+    """
+    Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h.
+
+    Critically damped what has strayed, so that it does not swing from one such state to another;
+    and without that share of the deformation's velocity that `damping` takes.
+    """
     x, v, gains = particles.x, particles.v, tick.gains
-    position_change, velocity_change = matching.goals(match.centre, match.transforms, tick.rest)
-    position_change -= x
-    position_change *= gains.position.astype(x.dtype)[:, None, None]
-    velocity_change -= x
-    velocity_change *= (gains.velocity / tick.h).astype(x.dtype)[:, None, None]
-    x += position_change
-    v += velocity_change
+    for_positions, for_velocities = match.goals
+    position = gains.position + match.strayed * (gains.critical[0] - gains.position)
+    velocity = gains.velocity + match.strayed * (gains.critical[1] - gains.velocity)
+    change = for_velocities - x
+    change *= (velocity / tick.h).astype(x.dtype)[:, None, None]
+    v += change
+    np.subtract(for_positions, x, out=change)
+    change *= position.astype(x.dtype)[:, None, None]
+    x += change
+    if (gains.kept_velocity < 1.0).any():
+        # of the rigid motion, too: restoring the momentum gives that back
+        v *= gains.kept_velocity.astype(x.dtype)[:, None, None]
     if gains.rigid.any():
         # nothing deforms: no velocity but what the momentum will add
         v[gains.rigid] = 0.0

@@ -58,25 +58,36 @@ class Gains:
     """
     What the parameters of B bodies mean for one tick.
 
-    Every array is (B,), but `deformation` and `volume_conservation` are (2, B): for the goals of
-    positions and for those of velocities.
+    Every array is (B,), but `critical`, `deformation` and `volume_conservation` are (2, B): for
+    positions and for velocities.
 
     The modes that a goal follows feel the stiffness (1 − β) α_s, the others α_s. For both to keep
     their frequency at any step, the goals of positions and of velocities each get the β that
     makes s · (1 − β_s) and k · (1 − β_k) the exact gains of the stiffness (1 − β) α_s. At the
     reference step without damping β_k = β, as published.
+
+    `position` and `velocity` are s and k, `critical` what they are at critical damping.
+    `kept_velocity` is the share of the deformation's velocity that `damping` leaves, `creeping`
+    the share of a strain that becomes permanent, `whole_body` the weight of the match of the
+    whole body beside its regions.
     """
 
     rigid: np.ndarray
     quadratic: np.ndarray
     position: np.ndarray
     velocity: np.ndarray
+    critical: np.ndarray
     deformation: np.ndarray
     volume_conservation: np.ndarray
     elasticity: np.ndarray
     friction: np.ndarray
     coulomb: np.ndarray
     thickness: np.ndarray
+    kept_velocity: np.ndarray
+    yield_strain: np.ndarray
+    creeping: np.ndarray
+    largest_strain: np.ndarray
+    whole_body: np.ndarray
 
     @property
     def features(self) -> int:
@@ -96,6 +107,7 @@ def make_gains(bodies: Sequence[BodyConfig], step: float, reference_step: float)
 
 def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
     s, k, beta_s, beta_k = 1.0, 1.0, 0.0, 0.0
+    critical = (1.0, 1.0)
     conserved_s = conserved_k = body.volume_conservation
     if body.mode != 'rigid':
         alpha, beta, kept = body.stiffness, body.deformation, body.volume_conservation
@@ -104,6 +116,7 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
             return oscillator_gains(share * alpha, body.bounciness, step, reference_step)
 
         s, k = gains_at(1.0)
+        critical = oscillator_gains(alpha, 0.0, step, reference_step)
         followed_s, followed_k = gains_at(1.0 - beta)
         breathing_s, breathing_k = gains_at(1.0 - beta * (1.0 - kept))
         beta_k = 1.0 - followed_k / k if k > 0.0 else beta
@@ -112,18 +125,25 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
             conserved_k = (breathing_k - followed_k) / (k - followed_k)
         if s > followed_s:
             conserved_s = (breathing_s - followed_s) / (s - followed_s)
+    reference_steps = step / reference_step
     friction = body.friction
     if body.friction_model == 'viscous':
-        friction = 1.0 - (1.0 - friction) ** (step / reference_step)
+        friction = 1.0 - (1.0 - friction) ** reference_steps
     return (
         body.mode == 'rigid',
         body.mode == 'quadratic',
         s,
         k,
+        critical,
         (beta_s, beta_k),
         (conserved_s, conserved_k),
         body.elasticity,
         friction,
         body.friction_model == 'coulomb',
         body.thickness,
+        (1.0 - body.damping) ** reference_steps,
+        body.plasticity_yield,
+        -math.expm1(-body.plasticity_creep * step),
+        body.plasticity_max,
+        1.0 if body.mode == 'rigid' else body.regions_whole_body_weight,
     )

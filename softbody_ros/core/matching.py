@@ -16,12 +16,18 @@ import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
 
-LEAST_STRETCH, LARGEST_STRETCH = 0.2, 5.0
-"""The goal follows a stretch only this far, so a flattened or inverted body finds its way back."""
-LARGEST_BEND = 1.0
-"""Norm of the quadratic block up to which the goal follows; beyond it surfaces turn inside out."""
-LEAST_VOLUME = 0.05
-"""Goals of less relative volume are not inflated to the full one at once."""
+LEAST_ROUNDNESS = 0.3, 0.15
+"""2 det A / |A|² at which a body begins to be too flat for a goal to follow, and where it is."""
+LARGEST_STRETCH = 4.0, 6.0
+"""The same for |A|, where a rest shape has √3."""
+LARGEST_BEND = 0.7, 1.2
+"""The same for the norm of the quadratic block: beyond it surfaces turn inside out."""
+LEAST_VOLUME, LARGEST_VOLUME = (0.4, 0.25), (2.5, 4.0)
+"""The same for the relative volume."""
+VOLUME_STEPS = 2
+"""Each squares the error of the volume."""
+LEAST_SLOPE = 1e-3
+"""Squared volume gradient below which a volume does not tell where to go."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +39,20 @@ class Match:
     ----------
     centre : (B, 3) float
         centre of mass, m
-    transforms : (2, B, 3, F) float
-        goal = centre + scale · transform @ features: for positions, and for velocities
+    goals : (2, B, 3, n) float
+        for positions, and for velocities, m
+    strayed : (B,) float
+        from 0, anything that a goal can follow, to 1, a state that only the rest shape leads out
+        of
+    plastic : (B, 1 + K, 3, 3) float or None
+        plastic state after the tick: of the whole body and of its K regions
 
     """
 
     centre: np.ndarray
-    transforms: np.ndarray
+    goals: np.ndarray
+    strayed: np.ndarray
+    plastic: np.ndarray | None
 
 
 def moments(x: np.ndarray, rest: RestShape, features: int) -> tuple[np.ndarray, np.ndarray]:
@@ -88,17 +101,17 @@ def rotation(moment: np.ndarray) -> np.ndarray:
     return u @ vt
 
 
-def fit(moment: np.ndarray, rotations: np.ndarray, rest: RestShape) -> np.ndarray:
+def fit(moment: np.ndarray, undeformed: np.ndarray, rest: RestShape) -> np.ndarray:
     """
     Return the transform of F features that comes nearest to the particles: A, or Ã (eq. 9–12).
 
-    Combinations of features that the shape does not span are taken from the rotation, and the
-    stretches of the linear block are clamped.
+    Combinations of features that the shape does not span are taken from the undeformed goal.
 
     Parameters
     ----------
     moment : (B, 3, F) float
-    rotations : (B, 3, 3) float
+    undeformed : (B, 3, 3) float
+        the rotation R
     rest : RestShape
 
     Returns
@@ -110,45 +123,56 @@ def fit(moment: np.ndarray, rotations: np.ndarray, rest: RestShape) -> np.ndarra
         inverse, unspanned = rest.inverse_linear, rest.unspanned_linear
     else:
         inverse, unspanned = rest.inverse_quadratic, rest.unspanned_quadratic
-    transform = moment @ inverse + rotations @ unspanned[:LINEAR]
-    _clamp_stretch(transform)
-    _clamp_bend(transform)
-    return transform
+    return moment @ inverse + undeformed @ unspanned[:LINEAR]
 
 
-def _clamp_stretch(transform: np.ndarray) -> None:
-    """Bring the singular values of the linear block into range, in place; inverted ones too."""
-    block = transform[..., :LINEAR]
-    square = np.einsum('bij,bij->b', block, block)
-    # least singular value >= det / (product of the others) >= 2 det / square
-    with np.errstate(divide='ignore', invalid='ignore'):
-        suspect = ~(2.0 * np.linalg.det(block) > LEAST_STRETCH * square)
-    suspect |= square > LARGEST_STRETCH**2
-    if not suspect.any():
-        return
-    u, stretch, vt = np.linalg.svd(block[suspect])
-    sign = np.linalg.det(u @ vt)
-    u[..., 2] *= sign[:, None]
-    stretch[..., 2] *= sign
-    stretch = np.clip(stretch, LEAST_STRETCH, LARGEST_STRETCH)
-    block[suspect] = (u * stretch[:, None, :]) @ vt
+def strayed(fits: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    """
+    Return how far bodies are beyond what a goal can follow: inverted, flat, huge, crumpled.
+
+    Parameters
+    ----------
+    fits : (B, 3, F) float
+    volume : (B,) float
+        relative volumes of the fits
+
+    Returns
+    -------
+    (B,) float
+        0 within, 1 where only the rest shape can be the goal
+
+    """
+    block = fits[..., :LINEAR]
+    square = np.einsum('...ij,...ij->...', block, block)
+    # the least stretch is at least det / (product of the others) >= 2 det / square
+    roundness = 2.0 * np.linalg.det(block) / np.maximum(square, 1e-300)
+    limits = [
+        _ramp(roundness, LEAST_ROUNDNESS),
+        _ramp(np.sqrt(square), LARGEST_STRETCH),
+        _ramp(volume, LEAST_VOLUME),
+        _ramp(volume, LARGEST_VOLUME),
+    ]
+    if fits.shape[-1] > LINEAR:
+        bend = fits[..., LINEAR:]
+        limits.append(_ramp(np.sqrt(np.einsum('...ij,...ij->...', bend, bend)), LARGEST_BEND))
+    return np.clip(np.max(limits, axis=0), 0.0, 1.0)
 
 
-def _clamp_bend(transform: np.ndarray) -> None:
-    """Shrink quadratic blocks to their largest norm, in place."""
-    block = transform[..., LINEAR:]
-    norm = np.sqrt(np.einsum('bij,bij->b', block, block))
-    block *= (LARGEST_BEND / np.maximum(norm, LARGEST_BEND))[:, None, None]
+def _ramp(value: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
+    """Return 0 at the first limit and 1 at the second, without clipping."""
+    start, end = limits
+    return (value - start) / (end - start)
 
 
-def blended(fits: np.ndarray, rotations: np.ndarray, deformation: np.ndarray) -> np.ndarray:
+def blended(fits: np.ndarray, undeformed: np.ndarray, deformation: np.ndarray) -> np.ndarray:
     """
     Return β · fit + (1 − β) [R 0 0] (Müller et al. 2005, sections 4.2 and 4.3).
 
     Parameters
     ----------
-    fits : (B, 3, F) float
-    rotations : (B, 3, 3) float
+    fits : (…, B, 3, F) float
+    undeformed : (B, 3, 3) float
+        R
     deformation : (…, B) float
         β
 
@@ -159,59 +183,87 @@ def blended(fits: np.ndarray, rotations: np.ndarray, deformation: np.ndarray) ->
     """
     beta = deformation[..., None, None]
     transform = beta * fits
-    transform[..., :LINEAR] += (1.0 - beta) * rotations
+    transform[..., :LINEAR] += (1.0 - beta) * undeformed
     return transform
 
 
-def relative_volume(transform: np.ndarray, rest: RestShape) -> np.ndarray:
+def volume_gradient(transform: np.ndarray, rest: RestShape) -> np.ndarray:
     """
-    Return the volume that the goals enclose, as a multiple of the rest volume.
+    Return the derivative of the relative volume that the goals enclose, by the transform.
 
     Exact in every mode, at a cost that does not depend on the mesh: the volume of T f is a cubic
-    form in T whose coefficients are constants of the rest shape.
+    form in T whose coefficients are constants of the rest shape. Being cubic, the volume is a
+    third of the product of its gradient with T.
 
     Parameters
     ----------
-    transform : (…, 3, F) float
+    transform : (B, 3, F) float
     rest : RestShape
 
     Returns
     -------
-    (…) float
+    (B, 3, F) float
 
     """
     count = transform.shape[-1]
     form = rest.volume_form[:count, :count, :count].reshape(count, -1)
-    first, second, third = (transform[..., row, :] for row in range(3))
-    by_first = (first @ form).reshape(*first.shape, count)
-    by_second = np.matmul(second[..., None, :], by_first)
-    return np.matmul(by_second, third[..., None])[..., 0, 0]
+    # the form is antisymmetric: it stays as it is when the three rows change places in a cycle
+    previous, following = transform[:, [2, 0, 1]], transform[:, [1, 2, 0]]
+    by_previous = (previous @ form).reshape(*transform.shape, count)
+    return np.matmul(by_previous, following[..., None])[..., 0]
 
 
-def with_volume(transform: np.ndarray, rest: RestShape, conservation: np.ndarray) -> np.ndarray:
+def relative_volume(transform: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return the volumes (B,) that goals enclose, as multiples of the rest volume."""
+    return _product(volume_gradient(transform, rest), transform) / 3.0
+
+
+def of_rest_volume(transform: np.ndarray, rest: RestShape) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the transforms scaled about their centres towards the rest volume.
+    Return the transforms of relative volume 1 that are nearest, and the volumes before.
+
+    Nearest for the particles: like the fit and the rotation, such a goal pulls with the gradient
+    of half the squared distance, so that the pull has a potential. Scaling a goal to its volume
+    (the published A / ∛det A is of that kind) has none, and pumps energy into oscillations.
 
     Parameters
     ----------
-    transform : (…, 3, F) float
+    transform : (B, 3, F) float
     rest : RestShape
-    conservation : (…) float
-        0 leaves the volume as it is, 1 restores it fully
 
     Returns
     -------
-    (…, 3, F) float
+    nearest : (B, 3, F) float
+        exact to the square of the error of the volume for each of `VOLUME_STEPS`; means nothing
+        for bodies that have strayed
+    volume : (B,) float
+        1 for shapes that cannot have any, a sheet or a rod: they stay as they are
 
     """
-    volume = np.maximum(relative_volume(transform, rest), LEAST_VOLUME)
-    factor = 1.0 + conservation * (np.cbrt(1.0 / volume) - 1.0)
-    return factor[..., None, None] * transform
+    if not rest.has_volume:
+        return transform, np.ones(len(transform))
+    inverse = rest.inverse_linear if transform.shape[-1] == LINEAR else rest.inverse_quadratic
+    nearest, volumes = transform, []
+    for _ in range(VOLUME_STEPS):
+        gradient = volume_gradient(nearest, rest)
+        volume = _product(gradient, nearest) / 3.0
+        volumes.append(volume)
+        direction = gradient @ inverse
+        slope = np.maximum(_product(gradient, direction), LEAST_SLOPE)
+        # ∛V − 1 is nearly linear, and linear for a goal that is only too large or too small
+        root = np.cbrt(np.maximum(volume, LEAST_VOLUME[1]))
+        way = 3.0 * root**2 * (1.0 - root) + _product(gradient, nearest - transform)
+        nearest = transform + (way / slope)[:, None, None] * direction
+    return nearest, volumes[0]
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum('bif,bif->b', a, b)
 
 
 def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndarray:
     """
-    Return the goal positions: transform @ features about the centres.
+    Return the goal positions: scale · transform @ features about the centres.
 
     Parameters
     ----------

@@ -65,6 +65,11 @@ class RestShape:
     volume_form: np.ndarray
 
     @property
+    def has_volume(self) -> bool:
+        """Whether the shape extends in all directions, unlike a sheet or a rod."""
+        return not self.unspanned_linear.any()
+
+    @property
     def particle_count(self) -> int:
         """Number of particles, n."""
         return len(self.weights)
@@ -90,8 +95,8 @@ def make_rest_shape(surface: Surface, dtype: type = np.float64) -> RestShape:
     features = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
     features[1:] -= (features[1:] @ weights)[:, None]
     gram = (features[1:] * weights) @ features[1:].T
-    inverse_linear, unspanned_linear = _pseudo_inverse(gram[:LINEAR, :LINEAR])
-    inverse_quadratic, unspanned_quadratic = _pseudo_inverse(gram)
+    inverse_linear, unspanned_linear = pseudo_inverse(gram[:LINEAR, :LINEAR])
+    inverse_quadratic, unspanned_quadratic = pseudo_inverse(gram)
     return RestShape(
         surface=surface,
         centre=centre,
@@ -119,13 +124,14 @@ def _area_weights(surface: Surface) -> np.ndarray:
     return shares / total if total > 0.0 else np.full(count, 1 / count)
 
 
-def _pseudo_inverse(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def pseudo_inverse(gram: np.ndarray, cut: float = RANK_CUT) -> tuple[np.ndarray, np.ndarray]:
     """Return the pseudo-inverse of a symmetric matrix and the projection on its null space."""
     values, vectors = np.linalg.eigh(gram)
-    spanned = values > RANK_CUT * values[-1]
+    spanned = values > cut * values[-1]
     basis = vectors[:, spanned]
     inverse = (basis / values[spanned]) @ basis.T
-    return inverse, np.eye(len(gram)) - basis @ basis.T
+    rest = vectors[:, ~spanned]
+    return inverse, rest @ rest.T
 
 
 def _volume_form(surface: Surface, features: np.ndarray) -> np.ndarray:

@@ -60,11 +60,16 @@ def rigid_motion(x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestSha
     """Return the rigid part of a motion about given centres of mass (B, 3)."""
     arms = x - centre.astype(x.dtype)[..., None]
     weighted = arms * rest.weights
-    gram = np.matmul(weighted, arms.transpose(0, 2, 1)).astype(np.float64, copy=False)
-    tensor = np.einsum('bii->b', gram)[:, None, None] * np.eye(3) - gram
+    tensor = _inertia(arms, weighted)
     return RigidMotion(
         centre, v @ rest.weights, _spin(weighted, v), _inverse_inertia(tensor, rest)
     )
+
+
+def inertia(x: np.ndarray, centre: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return the inertia tensors (B, 3, 3) about the centres of mass (B, 3), m²."""
+    arms = x - centre.astype(x.dtype)[..., None]
+    return _inertia(arms, arms * rest.weights)
 
 
 def field(
@@ -103,6 +108,11 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the vector products (k, 3); several times faster than `numpy.cross` for few rows."""
     forwards, backwards = [1, 2, 0], [2, 0, 1]
     return a[:, forwards] * b[:, backwards] - a[:, backwards] * b[:, forwards]
+
+
+def _inertia(arms: np.ndarray, weighted_arms: np.ndarray) -> np.ndarray:
+    gram = np.matmul(weighted_arms, arms.transpose(0, 2, 1)).astype(np.float64, copy=False)
+    return np.einsum('bii->b', gram)[:, None, None] * np.eye(3) - gram
 
 
 def _spin(weighted_arms: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ zero at rest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from softbody_ros.core import contact
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.pins import Pins
 from softbody_ros.core.rest_shape import RestShape
 
 WATCH = 0.1
@@ -66,6 +67,7 @@ def watch(
     rest: RestShape,
     gains: Gains,
     obstacles: Sequence[Obstacle],
+    pinned: Mapping[int, Pins],
 ) -> None:
     """
     Look at the bodies: those that lie still for long enough get zero velocities, in place.
@@ -79,6 +81,8 @@ def watch(
     gains : Gains
     obstacles : sequence of Obstacle
         bodies fall asleep on these only: what floats or lies on a moving one stays awake
+    pinned : mapping of int to Pins
+        or on these, by row
 
     """
     if not watched.awake.any() or any(obstacle.moves for obstacle in obstacles):
@@ -87,6 +91,8 @@ def watch(
     lies_on = np.zeros(len(x), dtype=bool)
     for obstacle in obstacles:
         lies_on[contact.find(x, obstacle, gains.thickness + quiet).body] = True
+    for row, pins in pinned.items():
+        lies_on[row] = not pins.moves
     still = lies_on & (np.abs(x - watched.anchor).max(axis=(1, 2)) < quiet)
     watched.quiet_looks = np.where(still, watched.quiet_looks + 1, 0)
     watched.anchor[:] = x

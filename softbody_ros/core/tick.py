@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.core.gains import Gains
+from softbody_ros.core.regions import Regions
 from softbody_ros.core.rest_shape import RestShape
 
 SLOW_TICKS = 2.0
@@ -26,12 +27,15 @@ class Particles:
         positions, m, and velocities, m/s: the stages change them in place
     start : (B, 3, n) float
         positions at the tick before, m
+    plastic : (B, 1 + K, 3, 3) float or None
+        plastic state at the tick before, see `plasticity`
 
     """
 
     x: np.ndarray
     v: np.ndarray
     start: np.ndarray
+    plastic: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class Tick:
     Attributes
     ----------
     rest : RestShape
+    regions : Regions or None
     gains : Gains
     gravity : (3,) float
         m/s²
@@ -51,6 +56,7 @@ class Tick:
     """
 
     rest: RestShape
+    regions: Regions | None
     gains: Gains
     gravity: np.ndarray
     h: float

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import dynamics, matching, obstacles, rigid_motion, sleep
+from softbody_ros.core import dynamics, matching, obstacles, plasticity, rigid_motion, sleep
 from softbody_ros.core.config import (
     BodyConfig,
     ConfigError,
@@ -24,6 +24,8 @@ from softbody_ros.core.dynamics import Batch, SimulationError
 from softbody_ros.core.gains import Gains, make_gains
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.pins import Pins, make_pins
+from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 from softbody_ros.core.sleep import Stillness
 
@@ -35,6 +37,7 @@ class Snapshot:
     tick: int
     x: tuple[np.ndarray, ...]
     v: tuple[np.ndarray, ...]
+    plastic: tuple[np.ndarray | None, ...]
     watched: tuple[Stillness, ...]
     obstacles: tuple[Obstacle, ...]
 
@@ -105,8 +108,12 @@ class World:
         ]
         self._batches: list[Batch] = []
         self._watched: list[Stillness] = []
-        self._gains: list[Gains] = []
-        self._update_gains()
+        self._regions = [
+            _regions_of(self.body_config(names[0]), rest)
+            for names, rest in zip(self._members, self._rests, strict=True)
+        ]
+        self._gains = self._gains_of(config)
+        self._pinned = self._pins_of(config)
         self.reset()
 
     # ------------------------------------------------------------------------------------- time
@@ -129,15 +136,20 @@ class World:
         for _ in range(ticks):
             moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
             computed = []
-            for batch, watched, gains, names in zip(
-                self._batches, self._watched, self._gains, self._members, strict=True
+            for batch, watched, gains, pinned, names in zip(
+                self._batches,
+                self._watched,
+                self._gains,
+                self._pinned,
+                self._members,
+                strict=True,
             ):
                 awake = watched.awake
                 if not awake.any():
                     continue
                 try:
                     with np.errstate(over='ignore', invalid='ignore'):
-                        dynamics.step_awake(batch, awake, gains, gravity, moved, h)
+                        dynamics.step_awake(batch, awake, gains, pinned, gravity, moved, h)
                     computed.append(batch)
                 except (SimulationError, np.linalg.LinAlgError) as error:
                     raise SimulationError(
@@ -153,19 +165,21 @@ class World:
                 self._watch()
 
     def _watch(self) -> None:
-        for batch, watched, gains in zip(self._batches, self._watched, self._gains, strict=True):
-            sleep.watch(watched, batch.x, batch.v, batch.rest, gains, self._obstacles)
+        for batch, watched, gains, pinned in zip(
+            self._batches, self._watched, self._gains, self._pinned, strict=True
+        ):
+            sleep.watch(watched, batch.x, batch.v, batch.rest, gains, self._obstacles, pinned)
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
-        """Return to tick 0: rest shapes at their start poses, initial velocities."""
+        """Return to tick 0: rest shapes at their start poses, initial velocities, no dents."""
         self.tick = 0
         self._obstacles = tuple(obstacles.placed(item) for item in self.config.obstacles)
         self._batches = []
-        for names, rest in zip(self._members, self._rests, strict=True):
+        for names, rest, parts in zip(self._members, self._rests, self._regions, strict=True):
             x = np.stack([_start_positions(self.body_config(name), rest) for name in names])
             x = x.astype(self._dtype)
-            self._batches.append(Batch(rest, x, np.zeros_like(x)))
+            self._batches.append(Batch(rest, parts, x, np.zeros_like(x)))
         self._watched = [sleep.stillness(batch.x) for batch in self._batches]
         self.apply_initial_velocity()
 
@@ -186,6 +200,7 @@ class World:
             self.tick,
             tuple(batch.x.copy() for batch in self._batches),
             tuple(batch.v.copy() for batch in self._batches),
+            tuple(batch.plastic for batch in self._batches),
             tuple(watched.copy() for watched in self._watched),
             self._obstacles,
         )
@@ -198,8 +213,10 @@ class World:
             for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
         )
         self._watched = [watched.copy() for watched in snapshot.watched]
-        for batch, x, v in zip(self._batches, snapshot.x, snapshot.v, strict=True):
-            batch.x[:], batch.v[:] = x, v
+        for batch, x, v, plastic in zip(
+            self._batches, snapshot.x, snapshot.v, snapshot.plastic, strict=True
+        ):
+            batch.x[:], batch.v[:], batch.plastic = x, v, plastic
 
     # ----------------------------------------------------------------------------------- config
     def configure(self, config: WorldConfig) -> None:
@@ -212,17 +229,23 @@ class World:
         Raises
         ------
         ConfigError
-            if a read-only setting differs; nothing has changed then.
+            if a read-only setting differs, or there is no such vertex to pin; nothing has changed
+            then.
 
         """
-        _require_same_structure(self.config, config)
+        self.check(config)
         self._obstacles = tuple(
             _reconfigured(current, new)
             for current, new in zip(self._obstacles, config.obstacles, strict=True)
         )
         self._wake_those_that_notice(self.config, config)
         self.config = config
-        self._update_gains()
+        self._gains, self._pinned = self._gains_of(config), self._pins_of(config)
+
+    def check(self, config: WorldConfig) -> None:
+        """Raise ConfigError if `configure` cannot use a config."""
+        _require_same_structure(self.config, config)
+        self._pins_of(config)
 
     def _wake_those_that_notice(self, old: WorldConfig, new: WorldConfig) -> None:
         """Wake bodies by a change that matters to them; those of start states do not."""
@@ -245,16 +268,20 @@ class World:
         self._require_body(name)
         return self.config.bodies[self._index[name]]
 
-    def _update_gains(self) -> None:
-        config = self.config
-        self._gains = [
-            make_gains(
-                [self.body_config(name) for name in names],
-                config.time_step,
-                config.reference_step,
-            )
-            for names in self._members
+    def _gains_of(self, config: WorldConfig) -> list[Gains]:
+        return [
+            make_gains(bodies, config.time_step, config.reference_step)
+            for bodies in self._batched(config)
         ]
+
+    def _pins_of(self, config: WorldConfig) -> list[dict[int, Pins]]:
+        return [
+            make_pins(bodies, rest)
+            for bodies, rest in zip(self._batched(config), self._rests, strict=True)
+        ]
+
+    def _batched(self, config: WorldConfig) -> list[list[BodyConfig]]:
+        return [[config.bodies[self._index[name]] for name in names] for names in self._members]
 
     # ---------------------------------------------------------------------------------- queries
     @property
@@ -286,6 +313,11 @@ class World:
         self._require_body(name)
         batch, row = self._place[name]
         return not self._watched[batch].awake[row]
+
+    def permanent_strain(self, name: str) -> float:
+        """Return the largest strain of a body, or of its regions, that has become permanent."""
+        batch, row = self._state(name)
+        return 0.0 if batch.plastic is None else plasticity.strain(batch.plastic[row])
 
     def rigid_fit(self, name: str) -> RigidFit:
         """Return the rigid motion nearest to a body, and how far each particle is from it."""
@@ -322,7 +354,8 @@ def _members_by_shape(bodies: tuple[BodyConfig, ...]) -> list[list[str]]:
         shape: tuple = (body.mesh, body.size, body.subdivisions)
         if isinstance(body.mesh, Surface):
             shape = (id(body.mesh),)
-        groups.setdefault(shape, []).append(body.name)
+        parts = (body.regions_count, body.regions_overlap)
+        groups.setdefault(shape + parts, []).append(body.name)
     return list(groups.values())
 
 
@@ -334,6 +367,17 @@ def _rest_shape_of(body: BodyConfig, dtype: type) -> RestShape:
         return make_rest_shape(surface, dtype)
     except MeshError as error:
         raise MeshError(f'{body.prefix}{error}') from None
+
+
+def _regions_of(body: BodyConfig, rest: RestShape) -> Regions | None:
+    if body.regions_count > rest.particle_count:
+        raise ConfigError(
+            f'{body.prefix}regions.count is {body.regions_count}: the mesh has only '
+            f'{rest.particle_count} vertices'
+        )
+    if not body.regions_count:
+        return None
+    return make_regions(rest, body.regions_count, body.regions_overlap)
 
 
 def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:

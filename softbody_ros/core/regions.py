@@ -1,0 +1,216 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Overlapping regions of a body, each matched by itself, so that it bends locally.
+
+Müller, Heidelberger, Teschner, Gross 2005, section 4.4. Each particle shares its corrections among
+the regions it belongs to (weights that sum to 1), and the same shares are its masses in their
+matches: so the pull of all regions together has a potential and keeps momentum. Regions match
+linearly; bending is what they do together, twist and bulge of the whole is the whole body's part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from softbody_ros.core import matching, plasticity
+from softbody_ros.core.gains import Gains
+from softbody_ros.core.rest_shape import LINEAR, RestShape, pseudo_inverse
+
+FLAT = 0.01
+"""Squared extent, relative to the largest, below which a region has no stretch across itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """
+    Constants of the K regions of a rest shape of n particles.
+
+    With q the offset from the region's centre of mass in the rest shape, divided by its scale,
+    and ω the share that a particle has in a region, both matrices hold for each particle and
+    region the four numbers ω [1 q], `gather` also times the particle's weight.
+
+    Attributes
+    ----------
+    gather : (4 K, n) sparse
+        particles → moments
+    spread : (n, 4 K) sparse
+        transforms → goals
+    mass : (K,) float
+        share of the body's mass
+    inverse : (K, 3, 3) float
+        pseudo-inverse of Σ w ω q qᵀ
+    unspanned : (K, 3, 3) float
+        projection on the directions in which a region has no extent
+
+    """
+
+    gather: csr_array
+    spread: csr_array
+    mass: np.ndarray
+    inverse: np.ndarray
+    unspanned: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of regions, K."""
+        return len(self.mass)
+
+
+def make_regions(rest: RestShape, count: int, overlap: int) -> Regions:
+    """
+    Return the regions around `count` particles that are as far from each other as can be.
+
+    Parameters
+    ----------
+    rest : RestShape
+    count : int
+        K, at most the number of particles
+    overlap : int
+        regions that each particle belongs to: those of its nearest seeds, with shares that
+        vanish where the next one comes nearer
+
+    """
+    points = np.ascontiguousarray(rest.features[1 : 1 + LINEAR].T, dtype=np.float64)
+    # a region of vertices that belong to no face must have a centre, too
+    weights = np.maximum(rest.weights.astype(np.float64), 1e-12)
+    member, shares = _shares(points, points[farthest_points(points, count)], overlap)
+    particle = np.repeat(np.arange(len(points)), member.shape[1])
+    region, share = member.ravel(), shares.ravel()
+
+    mass = np.bincount(region, share * weights[particle], count)
+    centre = (
+        np.stack(
+            [np.bincount(region, share * (weights * axis)[particle], count) for axis in points.T],
+            axis=-1,
+        )
+        / mass[:, None]
+    )
+    offsets = points[particle] - centre[region]
+    affine = share[:, None] * np.column_stack([np.ones(len(share)), offsets])
+    gram = np.zeros((count, LINEAR, LINEAR))
+    np.add.at(
+        gram,
+        region,
+        (share * weights[particle])[:, None, None] * offsets[:, :, None] * offsets[:, None, :],
+    )
+    pairs = [pseudo_inverse(each, FLAT) for each in gram]
+
+    columns = 4 * region[:, None] + np.arange(4)
+    rows = np.broadcast_to(particle[:, None], columns.shape)
+    spread = csr_array(
+        (affine.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points), 4 * count)
+    )
+    spread.sort_indices()
+    gather = csr_array((spread * weights[:, None]).T)
+    gather.sort_indices()
+    dtype = rest.features.dtype
+    return Regions(
+        gather=gather.astype(dtype),
+        spread=spread.astype(dtype),
+        mass=mass,
+        inverse=np.stack([inverse for inverse, _ in pairs]),
+        unspanned=np.stack([unspanned for _, unspanned in pairs]),
+    )
+
+
+def farthest_points(points: np.ndarray, count: int) -> np.ndarray:
+    """Return the indices of `count` points (n, 3), each as far as can be from those before."""
+    chosen = np.empty(count, dtype=np.int64)
+    # the first is the one farthest from the centre: a tip, not some vertex that happens to be 0
+    distance = np.linalg.norm(points, axis=1)
+    for index in range(count):
+        chosen[index] = np.argmax(distance)
+        apart = np.linalg.norm(points - points[chosen[index]], axis=1)
+        distance = np.minimum(distance, apart) if index else apart
+    return chosen
+
+
+def _shares(points: np.ndarray, seeds: np.ndarray, overlap: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (n, m) int: the nearest seeds, and (n, m) float: shares that sum to 1."""
+    kept = min(overlap, len(seeds))
+    distance, member = cKDTree(seeds).query(points, k=np.arange(1, min(kept + 1, len(seeds)) + 1))
+    if kept < len(seeds):
+        reach = distance[:, kept:]
+    else:
+        # all seeds are near: the farthest of them counts least
+        reach = 2.0 * distance[:, -1:]
+    distance, member = distance[:, :kept], member[:, :kept]
+    closeness = np.maximum(1.0 - distance / np.where(reach > 0.0, reach, 1.0), 0.0) ** 2
+    closeness[:, 0] = np.maximum(closeness[:, 0], 1e-6)  # between seeds equally far from it
+    return member, closeness / closeness.sum(axis=1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class RegionMatch:
+    """
+    Where the goals of the K regions of B bodies are.
+
+    Attributes
+    ----------
+    centre : (B, K, 3) float
+        m
+    fits, undeformed : (B, K, 3, 3) float
+
+    """
+
+    centre: np.ndarray
+    fits: np.ndarray
+    undeformed: np.ndarray
+
+
+def match(
+    x: np.ndarray, regions: Regions, rest: RestShape, stretch: np.ndarray | None
+) -> RegionMatch:
+    """
+    Match each region with positions (B, 3, n), m.
+
+    Parameters
+    ----------
+    x : (B, 3, n) float
+    regions : Regions
+    rest : RestShape
+    stretch : (B, K, 3, 3) float or None
+        plastic state
+
+    """
+    rows = [regions.gather @ row for row in x.reshape(-1, x.shape[-1])]
+    sums = np.array(rows, dtype=np.float64).reshape(len(x), 3, regions.count, 4)
+    sums = sums.transpose(0, 2, 1, 3)
+    moment = sums[..., 1:] / rest.scale
+    undeformed = plasticity.undeformed(moment, stretch)
+    fits = moment @ regions.inverse + undeformed @ regions.unspanned
+    return RegionMatch(sums[..., 0] / regions.mass[:, None], fits, undeformed)
+
+
+def goals(
+    matched: RegionMatch,
+    regions: Regions,
+    rest: RestShape,
+    gains: Gains,
+    stretch: np.ndarray | None,
+) -> np.ndarray:
+    """
+    Return the goals that the regions have together, m, times 1 − the weight of the whole body.
+
+    Returns
+    -------
+    (2, B, 3, n) float
+        for positions, and for velocities
+
+    """
+    fits, undeformed = matched.fits, matched.undeformed
+    lost = matching.strayed(plasticity.elastic(fits, stretch), np.ones(fits.shape[:-2]))
+    deformation = gains.deformation[..., None] * (1.0 - lost)
+    transforms = matching.blended(fits, undeformed, deformation)
+    affine = np.empty((4 * regions.count, 2 * len(fits) * 3), rest.features.dtype)
+    # (K, 4, 2, B, 3), as a matrix
+    stacked = affine.reshape(regions.count, 4, 2, len(fits), 3)
+    share = 1.0 - gains.whole_body[:, None, None]
+    stacked[:, 0] = (share * matched.centre).transpose(1, 0, 2)[:, None]
+    stacked[:, 1:] = (rest.scale * share[..., None] * transforms).transpose(2, 4, 0, 1, 3)
+    return (regions.spread @ affine).T.reshape(2, len(fits), 3, -1)
