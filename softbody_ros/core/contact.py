@@ -57,7 +57,9 @@ class Contacts:
         return len(self.body)
 
     def where(self, selected: np.ndarray) -> Contacts:
-        """Return some of the contacts."""
+        """Return some of the contacts, given as a mask (k,)."""
+        if selected.all():
+            return self
         columns = (getattr(self, item.name) for item in dataclasses.fields(self))
         return Contacts(*(column[selected] for column in columns))
 
@@ -122,12 +124,16 @@ def _candidates(
         normal = obstacle.rotation[:, 2]
         height = np.matmul(normal.astype(x.dtype), x)
         limit = obstacle.position @ normal + thickness
-        body, particle = np.nonzero(height < limit.astype(x.dtype)[:, None])
-        return body, particle
+        return _indices(height < limit.astype(x.dtype)[:, None])
     reach = np.linalg.norm(obstacle.config.size)
     offsets = x - obstacle.position.astype(x.dtype)[:, None]
     square = np.einsum('bij,bij->bj', offsets, offsets)
-    body, particle = np.nonzero(square < ((reach + thickness) ** 2)[:, None])
+    return _indices(square < ((reach + thickness) ** 2)[:, None])
+
+
+def _indices(selected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `numpy.nonzero` returns, several times faster for large bodies."""
+    body, particle = np.divmod(np.flatnonzero(selected), selected.shape[1])
     return body, particle
 
 
@@ -159,6 +165,8 @@ def meet(
     changed = False
     for obstacle in obstacles:
         contacts = find(particles.x, obstacle, tick.gains.thickness)
+        if not len(contacts):
+            continue
         contacts = contacts.where(~tick.gains.rigid[contacts.body])
         if not len(contacts):
             continue
@@ -215,20 +223,24 @@ class Patch:
         return _per_body(self.share * values, self.contacts.body, len(self.motion.centre))
 
     @cached_property
+    def levers(self) -> np.ndarray:
+        """(k, 3) float: arm × normal, m: what a turn of the body does along the normal."""
+        return rigid_motion.cross(self.arms, self.contacts.normal)
+
+    @cached_property
     def speed(self) -> np.ndarray:
         """(B,) float: of the patch, along the normal away from the obstacle, m/s."""
         body, motion = self.contacts.body, self.motion
-        velocity = motion.velocity[body] + rigid_motion.cross(
-            motion.angular_velocity[body], self.arms
-        )
-        velocity -= self.contacts.surface_velocity
-        return self.mean(np.einsum('ij,ij->i', velocity, self.contacts.normal))
+        velocity = motion.velocity[body] - self.contacts.surface_velocity
+        speeds = np.einsum('ij,ij->i', velocity, self.contacts.normal)
+        speeds += np.einsum('ij,ij->i', motion.angular_velocity[body], self.levers)
+        return self.mean(speeds)
 
     def motion_by(self, impulse: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return the rigid motions (B, 3, n) that impulses (k,) along the normals cause, m/s."""
-        impulses = impulse[:, None] * self.contacts.normal
-        velocity = _per_body(impulses, self.contacts.body, len(x))
-        spin = _per_body(rigid_motion.cross(self.arms, impulses), self.contacts.body, len(x))
+        body = self.contacts.body
+        velocity = _per_body(impulse[:, None] * self.contacts.normal, body, len(x))
+        spin = _per_body(impulse[:, None] * self.levers, body, len(x))
         angular_velocity = rigid_motion.applied(self.motion.inverse_inertia, spin)
         return rigid_motion.field(x, self.motion.centre, velocity, angular_velocity)
 
@@ -279,7 +291,7 @@ def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
     damping = 2.0 * np.sqrt(load / softness)
     # implicit: the damper sees the speed after the push, which at rest is zero
     force = (spring - damping * patch.speed) / (1.0 + damping * h)
-    push = h * np.clip(force, 0.0, load)
+    push = h * np.minimum(np.maximum(force, 0.0), load)
     pressure = sunk / np.where(depth > 0.0, depth, 1.0)[body]
     return push[body] * patch.share * pressure
 
@@ -349,11 +361,13 @@ def collide(
     push = np.maximum(-normal_speed, 0.0)
 
     tangential = relative - normal_speed[:, None] * normal
-    sliding_speed = np.linalg.norm(tangential, axis=1)
     friction = gains.friction[body]
-    bound = friction * (push + carried)
-    coulomb_kept = 1.0 - np.minimum(bound / np.where(sliding_speed > 0.0, sliding_speed, 1.0), 1.0)
-    kept = np.where(gains.coulomb[body], coulomb_kept, 1.0 - friction)[:, None]
+    kept = 1.0 - friction
+    if gains.coulomb.any():
+        sliding_speed = np.linalg.norm(tangential, axis=1)
+        stopped = friction * (push + carried) / np.where(sliding_speed > 0.0, sliding_speed, 1.0)
+        kept = np.where(gains.coulomb[body], 1.0 - np.minimum(stopped, 1.0), kept)
+    kept = kept[:, None]
 
     slid = points - particles.start[body, :, particle] - tick.h * contacts.surface_velocity
     slid -= np.einsum('ij,ij->i', slid, normal)[:, None] * normal
@@ -366,6 +380,8 @@ def collide(
 
 def _per_body(values: np.ndarray, body: np.ndarray, bodies: int) -> np.ndarray:
     """Return the sums over each body's contacts, (B,) or (B, 3), in a fixed order."""
+    if bodies == 1:
+        return values.sum(axis=0, keepdims=True)
     if values.ndim == 1:
         return np.bincount(body, values, bodies)
     columns = [np.bincount(body, column, bodies) for column in values.T]

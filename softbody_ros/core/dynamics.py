@@ -175,9 +175,10 @@ def find_goals(particles: Particles, tick: Tick) -> Match:
         whole = gains.whole_body[:, None]
         goals = matching.goals(whole * centre, whole[..., None] * transforms, rest)
         stretch = None if plastic is None else plastic[:, 1:]
-        parts = regions.match(particles.x, tick.regions, rest, stretch)
-        goals += regions.goals(parts, tick.regions, rest, gains, stretch)
-        strained = np.concatenate([strained, plasticity.elastic(parts.fits, stretch)], axis=1)
+        of_regions, strained_regions = regions.goals(particles.x, tick.regions, rest, stretch)
+        of_regions *= (1.0 - whole[..., None]).astype(of_regions.dtype)
+        goals += of_regions
+        strained = np.concatenate([strained, strained_regions], axis=1)
     return Match(centre, goals, fits.strayed, flowed(plastic, strained, fits.strayed, gains))
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
+from softbody_ros.core.rigid_motion import sums
 
 LEAST_ROUNDNESS = 0.3, 0.15
 """2 det A / |A|² at which a body begins to be too flat for a goal to follow, and where it is."""
@@ -75,8 +76,8 @@ def moments(x: np.ndarray, rest: RestShape, features: int) -> tuple[np.ndarray, 
         Σ w (x − centre) fᵀ / scale; its first three columns are A_pq (eq. 7)
 
     """
-    sums = np.matmul(x, rest.weighted_features[: 1 + features].T).astype(np.float64, copy=False)
-    return sums[..., 0], sums[..., 1:] / rest.scale
+    total = sums(x, rest.weighted_features[: 1 + features])
+    return total[..., 0], total[..., 1:] / rest.scale
 
 
 def rotation(moment: np.ndarray) -> np.ndarray:
@@ -97,8 +98,12 @@ def rotation(moment: np.ndarray) -> np.ndarray:
 
     """
     u, _, vt = np.linalg.svd(moment[..., :LINEAR])
-    u[..., 2] *= np.linalg.det(u @ vt)[..., None]
-    return u @ vt
+    result = u @ vt
+    reflected = np.linalg.det(result) < 0.0
+    if reflected.any():
+        u[reflected, :, 2] *= -1.0
+        result = u @ vt
+    return result
 
 
 def fit(moment: np.ndarray, undeformed: np.ndarray, rest: RestShape) -> np.ndarray:

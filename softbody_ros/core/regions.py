@@ -5,8 +5,10 @@ Overlapping regions of a body, each matched by itself, so that it bends locally.
 
 Müller, Heidelberger, Teschner, Gross 2005, section 4.4. Each particle shares its corrections among
 the regions it belongs to (weights that sum to 1), and the same shares are its masses in their
-matches: so the pull of all regions together has a potential and keeps momentum. Regions match
-linearly; bending is what they do together, twist and bulge of the whole is the whole body's part.
+matches: so the pull of all regions together has a potential and keeps momentum. Regions keep their
+shape, each turned as it fits: what bends, twists and stretches is their arrangement. The goal of
+the whole body, which follows deformation according to its mode, has a weight beside theirs:
+without it a hollow shell of local patches caves in.
 """
 
 from __future__ import annotations
@@ -17,8 +19,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from softbody_ros.core import matching, plasticity
-from softbody_ros.core.gains import Gains
+from softbody_ros.core import plasticity
 from softbody_ros.core.rest_shape import LINEAR, RestShape, pseudo_inverse
 
 FLAT = 0.01
@@ -30,14 +31,16 @@ class Regions:
     """
     Constants of the K regions of a rest shape of n particles.
 
-    With q the offset from the region's centre of mass in the rest shape, divided by its scale,
-    and ω the share that a particle has in a region, both matrices hold for each particle and
-    region the four numbers ω [1 q], `gather` also times the particle's weight.
+    Both `gather` and `spread` hold the four numbers ω [1 q] for each particle of each region: ω is
+    the share that the particle has in the region, q its offset from the region's centre of mass
+    in the rest shape, divided by the scale of the shape.
 
     Attributes
     ----------
-    gather : (4 K, n) sparse
-        particles → moments
+    members : (K, m) int
+        particles of each region; the smaller regions' rows are filled up with particle 0
+    gather : (K, 4, m) float
+        particles → moments: times the particle's weight, and zero where a row is filled up
     spread : (n, 4 K) sparse
         transforms → goals
     mass : (K,) float
@@ -49,7 +52,8 @@ class Regions:
 
     """
 
-    gather: csr_array
+    members: np.ndarray
+    gather: np.ndarray
     spread: csr_array
     mass: np.ndarray
     inverse: np.ndarray
@@ -106,10 +110,16 @@ def make_regions(rest: RestShape, count: int, overlap: int) -> Regions:
         (affine.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points), 4 * count)
     )
     spread.sort_indices()
-    gather = csr_array((spread * weights[:, None]).T)
-    gather.sort_indices()
+    order = np.argsort(region, kind='stable')
+    sizes = np.bincount(region, minlength=count)
+    place = np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    members = np.zeros((count, sizes.max()), dtype=np.int64)
+    gather = np.zeros((count, 4, members.shape[1]))
+    members[region[order], place] = particle[order]
+    gather[region[order], :, place] = (weights[particle, None] * affine)[order]
     dtype = rest.features.dtype
     return Regions(
+        members=members,
         gather=gather.astype(dtype),
         spread=spread.astype(dtype),
         mass=mass,
@@ -145,72 +155,41 @@ def _shares(points: np.ndarray, seeds: np.ndarray, overlap: int) -> tuple[np.nda
     return member, closeness / closeness.sum(axis=1, keepdims=True)
 
 
-@dataclass(frozen=True)
-class RegionMatch:
-    """
-    Where the goals of the K regions of B bodies are.
-
-    Attributes
-    ----------
-    centre : (B, K, 3) float
-        m
-    fits, undeformed : (B, K, 3, 3) float
-
-    """
-
-    centre: np.ndarray
-    fits: np.ndarray
-    undeformed: np.ndarray
-
-
-def match(
+def goals(
     x: np.ndarray, regions: Regions, rest: RestShape, stretch: np.ndarray | None
-) -> RegionMatch:
+) -> tuple[np.ndarray, np.ndarray]:
     """
-    Match each region with positions (B, 3, n), m.
+    Match each region with the particles.
 
     Parameters
     ----------
     x : (B, 3, n) float
+        positions, m
     regions : Regions
     rest : RestShape
     stretch : (B, K, 3, 3) float or None
         plastic state
 
+    Returns
+    -------
+    goals : (B, 3, n) float
+        what the regions of each particle make of its place, m
+    strained : (B, K, 3, 3) float
+        the linear fits, as seen from the permanently deformed shape
+
     """
-    rows = [regions.gather @ row for row in x.reshape(-1, x.shape[-1])]
-    sums = np.array(rows, dtype=np.float64).reshape(len(x), 3, regions.count, 4)
+    bodies, count = len(x), regions.count
+    # a few times faster than a sparse matrix: products of a vector with a small dense matrix
+    gathered = x.take(regions.members.ravel(), axis=2).reshape(bodies, 3, count, 1, -1)
+    sums = np.matmul(gathered, regions.gather.swapaxes(1, 2))[..., 0, :].astype(
+        np.float64, copy=False
+    )
     sums = sums.transpose(0, 2, 1, 3)
     moment = sums[..., 1:] / rest.scale
     undeformed = plasticity.undeformed(moment, stretch)
+    transforms = np.empty((bodies, 3, count, 4), x.dtype)
+    transforms[..., 0] = (sums[..., 0] / regions.mass[:, None]).transpose(0, 2, 1)
+    transforms[..., 1:] = rest.scale * undeformed.transpose(0, 2, 1, 3)
+    spread = [regions.spread @ row for row in transforms.reshape(-1, 4 * count)]
     fits = moment @ regions.inverse + undeformed @ regions.unspanned
-    return RegionMatch(sums[..., 0] / regions.mass[:, None], fits, undeformed)
-
-
-def goals(
-    matched: RegionMatch,
-    regions: Regions,
-    rest: RestShape,
-    gains: Gains,
-    stretch: np.ndarray | None,
-) -> np.ndarray:
-    """
-    Return the goals that the regions have together, m, times 1 − the weight of the whole body.
-
-    Returns
-    -------
-    (2, B, 3, n) float
-        for positions, and for velocities
-
-    """
-    fits, undeformed = matched.fits, matched.undeformed
-    lost = matching.strayed(plasticity.elastic(fits, stretch), np.ones(fits.shape[:-2]))
-    deformation = gains.deformation[..., None] * (1.0 - lost)
-    transforms = matching.blended(fits, undeformed, deformation)
-    affine = np.empty((4 * regions.count, 2 * len(fits) * 3), rest.features.dtype)
-    # (K, 4, 2, B, 3), as a matrix
-    stacked = affine.reshape(regions.count, 4, 2, len(fits), 3)
-    share = 1.0 - gains.whole_body[:, None, None]
-    stacked[:, 0] = (share * matched.centre).transpose(1, 0, 2)[:, None]
-    stacked[:, 1:] = (rest.scale * share[..., None] * transforms).transpose(2, 4, 0, 1, 3)
-    return (regions.spread @ affine).T.reshape(2, len(fits), 3, -1)
+    return np.array(spread).reshape(x.shape), plasticity.elastic(fits, stretch)

@@ -53,23 +53,23 @@ def momentum(
     """Return (B, 3): Σ w v, m/s, and (B, 3): Σ w (x − centre) × v, m²/s."""
     arms = x - centre.astype(x.dtype)[..., None]
     arms *= rest.weights
-    return v @ rest.weights, _spin(arms, v)
+    return v @ rest.weights, _spin(sums(arms, v))
 
 
 def rigid_motion(x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape) -> RigidMotion:
     """Return the rigid part of a motion about given centres of mass (B, 3)."""
     arms = x - centre.astype(x.dtype)[..., None]
     weighted = arms * rest.weights
-    tensor = _inertia(arms, weighted)
+    spin = _spin(sums(weighted, v))
     return RigidMotion(
-        centre, v @ rest.weights, _spin(weighted, v), _inverse_inertia(tensor, rest)
+        centre, v @ rest.weights, spin, _inverse_inertia(_inertia(sums(weighted, arms)), rest)
     )
 
 
 def inertia(x: np.ndarray, centre: np.ndarray, rest: RestShape) -> np.ndarray:
     """Return the inertia tensors (B, 3, 3) about the centres of mass (B, 3), m²."""
     arms = x - centre.astype(x.dtype)[..., None]
-    return _inertia(arms, arms * rest.weights)
+    return _inertia(sums(arms, arms * rest.weights))
 
 
 def field(
@@ -110,16 +110,34 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[:, forwards] * b[:, backwards] - a[:, backwards] * b[:, forwards]
 
 
-def _inertia(arms: np.ndarray, weighted_arms: np.ndarray) -> np.ndarray:
-    gram = np.matmul(weighted_arms, arms.transpose(0, 2, 1)).astype(np.float64, copy=False)
+def sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """
+    Return Σ aᵢ bⱼ over the particles: a product of very flat matrices.
+
+    As one product of a matrix with a vector for each row of `a`, which takes half the time of a
+    product of two matrices.
+
+    Parameters
+    ----------
+    a : (B, i, n) float
+    b : (B, j, n) or (j, n) float
+
+    Returns
+    -------
+    (B, i, j) float64
+
+    """
+    right = b.swapaxes(-1, -2)
+    right = right[:, None] if b.ndim == 3 else right
+    return np.matmul(a[:, :, None, :], right)[:, :, 0].astype(np.float64, copy=False)
+
+
+def _inertia(gram: np.ndarray) -> np.ndarray:
     return np.einsum('bii->b', gram)[:, None, None] * np.eye(3) - gram
 
 
-def _spin(weighted_arms: np.ndarray, v: np.ndarray) -> np.ndarray:
-    product = np.matmul(weighted_arms, v.transpose(0, 2, 1)).astype(np.float64, copy=False)
-    spin = product[:, [1, 2, 0], [2, 0, 1]]
-    spin -= product[:, [2, 0, 1], [1, 2, 0]]
-    return spin
+def _spin(product: np.ndarray) -> np.ndarray:
+    return product[:, [1, 2, 0], [2, 0, 1]] - product[:, [2, 0, 1], [1, 2, 0]]
 
 
 def _inverse_inertia(tensor: np.ndarray, rest: RestShape) -> np.ndarray:
