@@ -123,7 +123,8 @@ class SimNode(Node):
 
     def _check_parameters(self, proposed: list[Parameter]) -> SetParametersResult:
         try:
-            parameters.make_scene(self._proposed_values(proposed))
+            scene = parameters.make_scene(self._proposed_values(proposed))
+            self._world.check(scene.world)
         except (ConfigError, MeshError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -358,6 +359,8 @@ class SimNode(Node):
             values[f'{body.name} frequency (Hz)'] = f'{omega / (2 * np.pi):.3f}'
             values[f'{body.name} asleep'] = str(self._world.is_asleep(body.name)).lower()
             values[f'{body.name} damping ratio'] = f'{damping_ratio(body.bounciness):.3f}'
+            strain = self._world.permanent_strain(body.name)
+            values[f'{body.name} permanent strain'] = f'{strain:.4f}'
         self._diagnostics.publish(
             messages.diagnostics(
                 self._now(), self.get_fully_qualified_name(), level, summary, values

@@ -47,7 +47,10 @@ def test_table_has_what_the_design_lists():
     scene += 'gravity.magnitude gravity.direction bodies obstacles'
     body = 'mesh size subdivisions position orientation initial_velocity.linear '
     body += 'initial_velocity.angular mass mode stiffness bounciness deformation elasticity '
-    body += 'friction friction_model volume_conservation thickness color'
+    body += 'friction friction_model volume_conservation damping thickness color '
+    body += 'regions.count regions.overlap regions.whole_body_weight '
+    body += 'plasticity.yield plasticity.creep plasticity.max '
+    body += 'pins.indices pins.box pins.velocity.linear pins.velocity.angular'
     obstacle = 'type position orientation size velocity.linear velocity.angular'
     expected = scene.split() + [f'ball.{name}' for name in body.split()]
     expected += [f'ground.{name}' for name in obstacle.split()]

@@ -249,8 +249,10 @@ CHANGED = {
     int: lambda facts: facts.default + 1,
     float: lambda facts: facts.default * 0.5 + 0.01,
     str: lambda facts: facts.choices[0] if facts.choices else 'other',
-    tuple: lambda facts: [0.5] * len(facts.default),
+    tuple: lambda facts: [0.5] * len(facts.default) or [0, 3],
 }
+INSIDE = [-1.0, -1.0, 0.0, 1.0, 1.0, 1.0]
+"""A box with some vertices: pins.box refuses one without."""
 
 
 def wrong_values(facts):
@@ -258,6 +260,8 @@ def wrong_values(facts):
     if isinstance(facts.default, str):
         return ['nonsense', 1.5]
     if isinstance(facts.default, tuple):
+        if facts.items is int:
+            return [[0.5], [-2], [10**9], [math.nan], 'text', 0.5, 3]
         length = len(facts.default)
         return [[math.nan] * length, [0.5] * (length + 1), [1e9] * length, 'text', 0.5]
     if isinstance(facts.default, int):
@@ -270,7 +274,7 @@ def test_every_parameter_at_run_time(graph):
     paused(graph)
     for name, facts in TABLE.items():
         if facts.read_only:
-            result = graph.set_parameter(SIM, name, parameters.as_parameter(facts.default))
+            result = graph.set_parameter(SIM, name, parameters.as_parameter(facts.default, facts))
             assert not result.successful and 'read-only' in result.reason, name
             continue
         before = sim.get_parameter(name).value
@@ -279,7 +283,7 @@ def test_every_parameter_at_run_time(graph):
             assert not result.successful, (name, value)
             assert len(result.reason) > 10, (name, value)
             assert sim.get_parameter(name).value == before, (name, value)
-        good = CHANGED[type(facts.default)](facts)
+        good = INSIDE if name == 'ball.pins.box' else CHANGED[type(facts.default)](facts)
         result = graph.set_parameter(SIM, name, good)
         assert result.successful, (name, result.reason)
         (value,) = graph.get_parameters(SIM, [name])
@@ -288,6 +292,38 @@ def test_every_parameter_at_run_time(graph):
     world = parameters.make_scene({n: sim.get_parameter(n).value for n in TABLE}).world
     assert sim._world.config == world
     assert world != parameters.make_scene({}).world
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'sentence'),
+    [
+        (
+            'ball.pins.indices',
+            [0, 42],
+            'ball.pins.indices has 42: the mesh has the vertices 0 to 41',
+        ),
+        ('ball.pins.box', [2.0, 2.0, 2.0, 3.0, 3.0, 3.0], 'no vertex is inside'),
+    ],
+)
+def test_pins_that_no_vertex_fits_are_refused(graph, name, value, sentence):
+    sim = graph.sim_node(**SMALL)
+    result = graph.set_parameter(SIM, name, value)
+    assert not result.successful
+    assert sentence in result.reason
+    assert sim._world.config == parameters.make_scene(sim._values).world
+
+
+def test_pins_hold_and_let_go(graph):
+    sim = graph.sim_node(**SMALL)
+    paused(graph)
+    assert graph.set_parameter(SIM, 'ball.pins.indices', [0, 5]).successful
+    before = sim._world.positions('ball')
+    step_to(graph, 60)
+    held = sim._world.positions('ball')
+    np.testing.assert_array_equal(held[[0, 5]], before[[0, 5]])
+    assert graph.set_parameter(SIM, 'ball.pins.indices', [-1]).successful
+    step_to(graph, 120)
+    assert (sim._world.positions('ball')[:, 2] < held[:, 2] - 0.2).all()
 
 
 @pytest.mark.parametrize(

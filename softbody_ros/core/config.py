@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from softbody_ros.core.mesh import PRIMITIVES, Surface
+from softbody_ros.core.mesh import LARGEST_MESH, PRIMITIVES, Surface
 
 MODES = ('rigid', 'linear', 'quadratic')
 FRICTION_MODELS = ('viscous', 'coulomb')
@@ -289,9 +289,8 @@ class BodyConfig(Checked):
         0.3, 'largest permanent strain', minimum=0.0, maximum=0.9, group='plasticity'
     )
     pins_indices: tuple[int, ...] = setting(
-        (), 'vertices that are held where they are; [-1] for none', minimum=-1, maximum=2**31,
-        items=int,
-        group='pins',
+        (), 'vertices that are held where they are; [-1] for none', minimum=-1,
+        maximum=LARGEST_MESH, items=int, group='pins',
     )  # fmt: skip
     pins_box: tuple[float, ...] = _vector(
         (0.0,) * 6, 'vertices in this box of the mesh are held too: x y z of two corners, in the '

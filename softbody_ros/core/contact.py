@@ -57,8 +57,8 @@ class Contacts:
         return len(self.body)
 
     def where(self, selected: np.ndarray) -> Contacts:
-        """Return some of the contacts, given as a mask (k,)."""
-        if selected.all():
+        """Return some of the contacts, given as a mask or as indices."""
+        if selected.dtype == bool and selected.all():
             return self
         columns = (getattr(self, item.name) for item in dataclasses.fields(self))
         return Contacts(*(column[selected] for column in columns))

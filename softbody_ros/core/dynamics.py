@@ -22,7 +22,7 @@ from softbody_ros.core.gains import Gains
 from softbody_ros.core.matching import Match
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.pins import Pins
-from softbody_ros.core.regions import Regions
+from softbody_ros.core.regions import RegionMatch, Regions
 from softbody_ros.core.rest_shape import LINEAR, RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.tick import Particles, Tick
@@ -168,31 +168,38 @@ def find_goals(particles: Particles, tick: Tick) -> Match:
     fits = fit_of_each_mode(moment, undeformed, stretch, tick)
     deformation = gains.deformation * (1.0 - fits.strayed)
     transforms = matching.blended(fits.followed, undeformed, deformation)
-    strained = plasticity.elastic(fits.nearest[..., :LINEAR], stretch)[:, None]
     if tick.regions is None:
-        goals = matching.goals(centre, transforms, rest)
+        goals, parts = matching.goals(centre, transforms, rest), None
     else:
+        stretch = None if plastic is None else plastic[:, 1:]
+        parts = regions.match(particles.x, tick.regions, rest, stretch)
         whole = gains.whole_body[:, None]
         goals = matching.goals(whole * centre, whole[..., None] * transforms, rest)
-        stretch = None if plastic is None else plastic[:, 1:]
-        of_regions, strained_regions = regions.goals(particles.x, tick.regions, rest, stretch)
+        of_regions = regions.goals(parts, tick.regions, rest)
         of_regions *= (1.0 - whole[..., None]).astype(of_regions.dtype)
         goals += of_regions
-        strained = np.concatenate([strained, strained_regions], axis=1)
-    return Match(centre, goals, fits.strayed, flowed(plastic, strained, fits.strayed, gains))
+    return Match(centre, goals, fits.strayed, flowed(plastic, fits, parts, tick))
 
 
 def flowed(
-    plastic: np.ndarray | None, strained: np.ndarray, strayed: np.ndarray, gains: Gains
+    plastic: np.ndarray | None, fits: Fits, parts: RegionMatch | None, tick: Tick
 ) -> np.ndarray | None:
     """Return the plastic state after the tick; what has strayed comes back, it does not flow."""
-    if not gains.creeping.any():
+    gains = tick.gains
+    creeping = gains.creeping * (fits.strayed < 1.0)
+    if not creeping.any():
         return plastic
+    transforms = fits.nearest[:, None, :, :LINEAR]
+    if tick.regions is not None and parts is not None:
+        transforms = np.concatenate([transforms, regions.fits(parts, tick.regions)], axis=1)
     if plastic is None:
-        plastic = np.broadcast_to(np.eye(3), strained.shape)
-    creeping = gains.creeping * (strayed < 1.0)
+        plastic = np.broadcast_to(np.eye(3), transforms.shape)
     limits = (gains.yield_strain, creeping, gains.largest_strain)
-    return plasticity.flowed(plastic, strained, *(limit[:, None] for limit in limits))
+    return plasticity.flowed(
+        plastic,
+        plasticity.elastic(transforms, plastic),
+        *(np.broadcast_to(limit[:, None], transforms.shape[:2]) for limit in limits),
+    )
 
 
 @dataclass(frozen=True)

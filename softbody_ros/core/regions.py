@@ -155,9 +155,30 @@ def _shares(points: np.ndarray, seeds: np.ndarray, overlap: int) -> tuple[np.nda
     return member, closeness / closeness.sum(axis=1, keepdims=True)
 
 
-def goals(
+@dataclass(frozen=True)
+class RegionMatch:
+    """
+    How the K regions of B bodies fit the particles.
+
+    Attributes
+    ----------
+    centre : (B, K, 3) float
+        centres of mass, m
+    moment : (B, K, 3, 3) float
+        A_pq of each
+    undeformed : (B, K, 3, 3) float
+        R, or R S_p
+
+    """
+
+    centre: np.ndarray
+    moment: np.ndarray
+    undeformed: np.ndarray
+
+
+def match(
     x: np.ndarray, regions: Regions, rest: RestShape, stretch: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
+) -> RegionMatch:
     """
     Match each region with the particles.
 
@@ -170,26 +191,30 @@ def goals(
     stretch : (B, K, 3, 3) float or None
         plastic state
 
-    Returns
-    -------
-    goals : (B, 3, n) float
-        what the regions of each particle make of its place, m
-    strained : (B, K, 3, 3) float
-        the linear fits, as seen from the permanently deformed shape
-
     """
-    bodies, count = len(x), regions.count
     # a few times faster than a sparse matrix: products of a vector with a small dense matrix
-    gathered = x.take(regions.members.ravel(), axis=2).reshape(bodies, 3, count, 1, -1)
-    sums = np.matmul(gathered, regions.gather.swapaxes(1, 2))[..., 0, :].astype(
-        np.float64, copy=False
-    )
-    sums = sums.transpose(0, 2, 1, 3)
+    members = x.take(regions.members.ravel(), axis=2).reshape(*x.shape[:2], regions.count, 1, -1)
+    sums = np.matmul(members, regions.gather.swapaxes(1, 2))[..., 0, :]
+    sums = sums.astype(np.float64, copy=False).swapaxes(1, 2)
     moment = sums[..., 1:] / rest.scale
-    undeformed = plasticity.undeformed(moment, stretch)
-    transforms = np.empty((bodies, 3, count, 4), x.dtype)
-    transforms[..., 0] = (sums[..., 0] / regions.mass[:, None]).transpose(0, 2, 1)
-    transforms[..., 1:] = rest.scale * undeformed.transpose(0, 2, 1, 3)
-    spread = [regions.spread @ row for row in transforms.reshape(-1, 4 * count)]
-    fits = moment @ regions.inverse + undeformed @ regions.unspanned
-    return np.array(spread).reshape(x.shape), plasticity.elastic(fits, stretch)
+    centre = sums[..., 0] / regions.mass[:, None]
+    return RegionMatch(centre, moment, plasticity.undeformed(moment, stretch))
+
+
+def goals(matched: RegionMatch, regions: Regions, rest: RestShape) -> np.ndarray:
+    """Return (B, 3, n) float: what the regions of each particle make of its place, m."""
+    bodies = len(matched.centre)
+    transforms = np.empty((bodies, 3, regions.count, 4), rest.features.dtype)
+    transforms[..., 0] = matched.centre.swapaxes(1, 2)
+    transforms[..., 1:] = rest.scale * matched.undeformed.swapaxes(1, 2)
+    result = np.empty((bodies, 3, rest.particle_count), rest.features.dtype)
+    for row, transform in zip(
+        result.reshape(3 * bodies, -1), transforms.reshape(3 * bodies, -1), strict=True
+    ):
+        row[:] = regions.spread @ transform
+    return result
+
+
+def fits(matched: RegionMatch, regions: Regions) -> np.ndarray:
+    """Return (B, K, 3, 3) float: the linear transforms that come nearest to the particles, A."""
+    return matched.moment @ regions.inverse + matched.undeformed @ regions.unspanned
