@@ -17,7 +17,7 @@ from matplotlib.collections import PolyCollection
 import matplotlib.pyplot as plt
 import numpy as np
 
-from softbody_ros.core import BodyConfig, World, WorldConfig
+from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
 
 PICTURES = pathlib.Path(__file__).parent.parent / 'resource'
 ORANGE = np.array([0.93, 0.48, 0.2])
@@ -69,5 +69,52 @@ def film_strip(times, path):
     plt.close(figure)
 
 
+def gallery(scenes, path):
+    """Draw what has become of a body in each scene: (caption, config of the body, seconds)."""
+    figure, axes = plt.subplots(1, len(scenes), figsize=(3.6 * len(scenes), 3.2), dpi=110)
+    for panel, (caption, body, seconds) in zip(axes, scenes, strict=True):
+        world = World(WorldConfig(bodies=(body,)))
+        world.step(round(seconds * 240))
+        panel.add_patch(matplotlib.patches.Rectangle((-5, -5), 30, 5.02, color='#e9e6e1'))
+        moved = world.positions(body.name) - [body.position[0], 0.0, 0.0]
+        draw_shadow(panel, moved)
+        draw_body(panel, moved, world.rest_shape(body.name).surface.faces, ORANGE)
+        panel.text(0.0, -0.42, caption, ha='center', color='#666', size=9)
+        panel.set(xlim=(-1.35, 1.35), ylim=(-0.55, 1.85), aspect='equal')
+        panel.axis('off')
+    figure.subplots_adjust(0, 0, 1, 1, wspace=0)
+    figure.savefig(path, bbox_inches='tight', pad_inches=0.05)
+    plt.close(figure)
+
+
+def bar(**settings):
+    """Return a soft bar, held at its left end."""
+    box = make_surface('box', 0.5, 5)
+    surface = Surface(box.vertices * [2.4, 0.3, 0.3], box.faces)
+    held = (-2.0, -1.0, -1.0, -1.1, 1.0, 1.0)
+    place = (0.0, 0.0, 1.5)
+    return BodyConfig(
+        mesh=surface, stiffness=0.05, damping=0.02, pins_box=held, position=place, **settings
+    )
+
+
 if __name__ == '__main__':
     film_strip([0.0, 0.35, 0.46, 0.5, 0.55, 0.7, 10.0], PICTURES / 'ball.png')
+    gallery(
+        [
+            ('a bar held at one end', bar(), 10.0),
+            (
+                'the same with 10 regions',
+                bar(regions_count=10, regions_whole_body_weight=0.1),
+                10.0,
+            ),
+            (
+                'a ball that keeps its dent',
+                BodyConfig(
+                    subdivisions=4, regions_count=16, plasticity_creep=20.0, plasticity_yield=0.05
+                ),
+                5.0,
+            ),
+        ],
+        PICTURES / 'bodies.png',
+    )

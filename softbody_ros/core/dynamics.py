@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import dataclasses
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -72,10 +73,10 @@ class Batch:
         self.v, self.next_v = self.next_v, self.v
         self.plastic = self.next_plastic
 
-    def intact(self) -> np.ndarray:
-        """Return (B, 1 + K, 3, 3): the plastic state of bodies that are not deformed."""
-        matches = 1 + (self.regions.count if self.regions else 0)
-        return np.tile(np.eye(3), (len(self.x), matches, 1, 1))
+
+def intact(bodies: int, regions: Regions | None) -> np.ndarray:
+    """Return the plastic state (B, 1 + K, 3, 3) of bodies that are as they were made."""
+    return np.tile(np.eye(3), (bodies, 1 + (regions.count if regions else 0), 1, 1))
 
 
 def step_awake(
@@ -100,7 +101,10 @@ def step_awake(
     batch.next_x[awake], batch.next_v[awake] = part.next_x, part.next_v
     batch.next_plastic = batch.plastic
     if part.next_plastic is not None:
-        batch.next_plastic = batch.intact() if batch.plastic is None else batch.plastic.copy()
+        before = batch.plastic
+        batch.next_plastic = (
+            intact(len(batch.x), batch.regions) if before is None else before.copy()
+        )
         batch.next_plastic[awake] = part.next_plastic
 
 
@@ -138,10 +142,11 @@ def step(
     """
     tick = Tick(batch.rest, batch.regions, gains, gravity, h)
     particles = predict(batch, tick)
-    match = find_goals(particles, tick)
+    match = find_goals_with_pins(particles, pinned, tick)
+    damp(particles, match.centre, tick)
     momentum = rigid_motion.momentum(particles.x, particles.v, match.centre, tick.rest)
     pull(particles, match, tick)
-    motion = restore_momentum(particles, match, momentum, tick)
+    motion = restore_momentum(particles, match.centre, momentum, pinned, tick)
     contact.meet(particles, match.goals[1], motion, obstacles, tick)
     rigid_contact.meet(particles, obstacles, tick)
     pins.hold(particles, pinned, tick)
@@ -156,6 +161,34 @@ def predict(batch: Batch, tick: Tick) -> Particles:
     x += (0.5 * h**2 * tick.gravity).astype(x.dtype)[:, None]
     np.add(batch.v, (h * tick.gravity).astype(v.dtype)[:, None], out=v)
     return Particles(x, v, start=batch.x, plastic=batch.plastic)
+
+
+def find_goals_with_pins(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> Match:
+    """Match all bodies: those that hang on pins with the weights that these give them."""
+    hanging = [row for row in pinned if not tick.gains.rigid[row]]
+    if not hanging:
+        return find_goals(particles, tick)
+    x, before = particles.x, particles.plastic
+    plastic = intact(len(x), tick.regions) if before is None else before.copy()
+    match = Match(
+        (x @ tick.rest.weights).astype(np.float64),
+        np.empty((2, *x.shape), x.dtype),
+        np.zeros(len(x)),
+        plastic,
+    )
+    free = np.setdiff1d(np.arange(len(x)), hanging)
+    groups = [(np.array([row]), pinned[row].rest, pinned[row].regions) for row in hanging]
+    if len(free):
+        groups.append((free, tick.rest, tick.regions))
+    flows = before is not None
+    for rows, rest, parts in groups:
+        part_tick = dataclasses.replace(tick, rest=rest, regions=parts, gains=tick.gains.of(rows))
+        part = find_goals(particles.of(rows), part_tick)
+        match.goals[:, rows], match.strayed[rows] = part.goals, part.strayed
+        if part.plastic is not None:
+            plastic[rows] = part.plastic
+            flows = True
+    return match if flows else dataclasses.replace(match, plastic=None)
 
 
 def find_goals(particles: Particles, tick: Tick) -> Match:
@@ -257,12 +290,24 @@ def require_finite(moment: np.ndarray) -> None:
         raise SimulationError('a position or velocity is not finite any more')
 
 
+def damp(particles: Particles, centre: np.ndarray, tick: Tick) -> None:
+    """Take a share of the velocity of deformation, which is all but the rigid motion."""
+    x, v, kept = particles.x, particles.v, tick.gains.kept_velocity
+    if (kept >= 1.0).all():
+        return
+    motion = rigid_motion.rigid_motion(x, v, centre, tick.rest)
+    rigid = rigid_motion.field(x, centre, motion.velocity, motion.angular_velocity)
+    v -= rigid
+    v *= kept.astype(v.dtype)[:, None, None]
+    v += rigid
+
+
 def pull(particles: Particles, match: Match, tick: Tick) -> None:
     """
     Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h.
 
-    Critically damped what has strayed, so that it does not swing from one such state to another;
-    and without that share of the deformation's velocity that `damping` takes.
+    What has strayed is critically damped, so that it does not swing from one such state to
+    another.
     """
     x, v, gains = particles.x, particles.v, tick.gains
     for_positions, for_velocities = match.goals
@@ -274,25 +319,29 @@ def pull(particles: Particles, match: Match, tick: Tick) -> None:
     np.subtract(for_positions, x, out=change)
     change *= position.astype(x.dtype)[:, None, None]
     x += change
-    if (gains.kept_velocity < 1.0).any():
-        # of the rigid motion, too: restoring the momentum gives that back
-        v *= gains.kept_velocity.astype(x.dtype)[:, None, None]
     if gains.rigid.any():
         # nothing deforms: no velocity but what the momentum will add
         v[gains.rigid] = 0.0
 
 
 def restore_momentum(
-    particles: Particles, match: Match, momentum: tuple[np.ndarray, np.ndarray], tick: Tick
+    particles: Particles,
+    centre: np.ndarray,
+    momentum: tuple[np.ndarray, np.ndarray],
+    pinned: Mapping[int, Pins],
+    tick: Tick,
 ) -> RigidMotion:
     """
     Add the rigid motion that brings momentum and angular momentum back, and return the whole.
 
     The pull conserves angular momentum to first order only: moving the particles by s (g − x)
-    changes the inertia under their velocities, and clamped goals exert a torque.
+    changes the inertia under their velocities. Pins, which push back, are to change both.
     """
-    x, v, centre, (velocity, spin) = particles.x, particles.v, match.centre, momentum
+    x, v, (velocity, spin) = particles.x, particles.v, momentum
     present = rigid_motion.rigid_motion(x, v, centre, tick.rest)
+    for row in pinned:
+        if not tick.gains.rigid[row]:
+            velocity[row], spin[row] = present.velocity[row], present.spin[row]
     angular_velocity = rigid_motion.applied(present.inverse_inertia, spin - present.spin)
     v += rigid_motion.field(x, centre, velocity - present.velocity, angular_velocity)
     return RigidMotion(centre, velocity, spin, present.inverse_inertia)

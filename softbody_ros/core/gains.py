@@ -95,7 +95,7 @@ class Gains:
         return QUADRATIC if self.quadratic.any() else LINEAR
 
     def of(self, bodies: np.ndarray) -> Gains:
-        """Return the gains of some of the bodies, given as a mask (B,)."""
+        """Return the gains of some of the bodies, given as a mask or as indices."""
         return Gains(*(getattr(self, item.name)[..., bodies] for item in fields(self)))
 
 

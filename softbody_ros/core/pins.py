@@ -3,15 +3,20 @@
 """
 Pins: particles that are held, or moved with a velocity, whatever pulls at them.
 
-Making pinned particles heavy would move the centre of mass into them, and the rest of the shape
-would turn and stretch about the wrong point. Here a pin is a constraint on the body: of all
-motions that its shape can follow (rigid, or affine) the body gets the one of least kinetic energy
-that brings the pinned particles to where they are held (Gauss's principle of least constraint).
+A pinned particle alone is a light one: the body would fall past it. So in the match, and only
+there, the pins weigh many times the body, in its centre, its moments and its inverse Gram matrix
+alike: a least squares fit that passes through the pins. Free particles are pulled to that goal
+with their own masses, as to any other, so the pull keeps its potential and the body hangs on the
+pins with its own weight. (Heavy weights in the centre of mass alone, which is the known mistake,
+turn and stretch the rest of the shape about the wrong point.)
+
+Rigid bodies get the least motion that brings them to their pins.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,16 +24,14 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import rigid_motion
 from softbody_ros.core.config import BodyConfig, ConfigError
-from softbody_ros.core.rest_shape import LINEAR, RestShape, pseudo_inverse
+from softbody_ros.core.regions import Regions, make_regions
+from softbody_ros.core.rest_shape import RestShape, make_rest_shape, pseudo_inverse
 from softbody_ros.core.tick import Particles, Tick
 
-COMPLIANCE = 0.01
-"""
-Kinetic energy that an affine motion may cost, against the misfit of the pins that it removes: so
-that pins close to each other do not turn their small differences into large motions.
-"""
+COUPLING = 100.0
+"""What the pins weigh in the match, in body masses."""
 RIGID_COMPLIANCE = 1e-8
-"""The same for rigid motions: only what no pin says is left to it."""
+"""Kinetic energy that a motion may cost, against the misfit of the pins that it removes."""
 RIGID_ROUNDS = 3
 """A rigid body is turned to its pins so many times; each squares the error."""
 
@@ -43,15 +46,18 @@ class Pins:
     particle : (m,) int
     linear, angular : (3,) float
         velocity with which they are moved, about their centre, m/s and rad/s
-    reach : (m, 4) float
-        misfits (3, m) @ reach are the affine motion, as coefficients of 1 and q
+    rest : RestShape
+        the body's, with the weights that the particles have in the match
+    regions : Regions or None
+        the body's, with those weights
 
     """
 
     particle: np.ndarray
     linear: np.ndarray
     angular: np.ndarray
-    reach: np.ndarray
+    rest: RestShape
+    regions: Regions | None
 
     @property
     def moves(self) -> bool:
@@ -59,9 +65,16 @@ class Pins:
         return bool(self.linear.any() or self.angular.any())
 
 
-def make_pins(bodies: Sequence[BodyConfig], rest: RestShape) -> dict[int, Pins]:
+def make_pins(body: BodyConfig, rest: RestShape, before: Pins | None = None) -> Pins | None:
     """
-    Return the pins of those bodies that have some, by their row in the batch.
+    Return the pins of a body, or None if it has none.
+
+    Parameters
+    ----------
+    body : BodyConfig
+    rest : RestShape
+    before : Pins, optional
+        the pins that the body had: what depends on the same particles is taken from them
 
     Raises
     ------
@@ -69,17 +82,21 @@ def make_pins(bodies: Sequence[BodyConfig], rest: RestShape) -> dict[int, Pins]:
         if a pinned vertex does not exist.
 
     """
-    pinned = {row: pinned_particles(body, rest) for row, body in enumerate(bodies)}
-    return {
-        row: Pins(
-            particle,
-            np.array(bodies[row].pins_velocity_linear),
-            np.array(bodies[row].pins_velocity_angular),
-            _reach(particle, rest),
-        )
-        for row, particle in pinned.items()
-        if len(particle)
-    }
+    particle = pinned_particles(body, rest)
+    if not len(particle):
+        return None
+    linear, angular = np.array(body.pins_velocity_linear), np.array(body.pins_velocity_angular)
+    if before is not None and np.array_equal(before.particle, particle):
+        return dataclasses.replace(before, linear=linear, angular=angular)
+    weights = rest.weights.astype(np.float64)
+    held = np.maximum(weights[particle], 1e-12)
+    weights[particle] += COUPLING * held / held.sum()
+    weights /= weights.sum()
+    regions = None
+    if body.regions_count:
+        regions = make_regions(rest, body.regions_count, body.regions_overlap, weights)
+    matched = make_rest_shape(rest.surface, rest.features.dtype.type, weights)
+    return Pins(particle, linear, angular, matched, regions)
 
 
 def pinned_particles(body: BodyConfig, rest: RestShape) -> np.ndarray:
@@ -119,17 +136,9 @@ def _point(values: np.ndarray) -> str:
     return '[' + ', '.join(f'{value:g}' for value in values) + ']'
 
 
-def _reach(particle: np.ndarray, rest: RestShape) -> np.ndarray:
-    affine = rest.features[: 1 + LINEAR].astype(np.float64)
-    energy = (affine * rest.weights) @ affine.T
-    held = affine[:, particle]
-    inverse, _ = pseudo_inverse(held @ held.T / len(particle) + COMPLIANCE * energy)
-    return held.T @ inverse / len(particle)
-
-
 def hold(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> None:
     """
-    Bring pinned particles to where they are held, and their bodies after them.
+    Bring pinned particles to where they are held, and rigid bodies after them.
 
     Parameters
     ----------
@@ -146,7 +155,8 @@ def hold(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> None:
         if tick.gains.rigid[row]:
             _hold_rigid(particles, row, pin, place, velocity, tick)
         else:
-            _hold_deformable(particles, row, pin, place, velocity, tick)
+            particles.x[row][:, pin.particle] = place
+            particles.v[row][:, pin.particle] = velocity
 
 
 def _carried(start: np.ndarray, pin: Pins, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -158,16 +168,6 @@ def _carried(start: np.ndarray, pin: Pins, h: float) -> tuple[np.ndarray, np.nda
     spin = np.cross(pin.angular, turned, axisb=0, axisc=0)
     step = pin.linear[:, None]
     return centre + turned + h * step, step + spin
-
-
-def _hold_deformable(
-    particles: Particles, row: int, pin: Pins, place: np.ndarray, velocity: np.ndarray, tick: Tick
-) -> None:
-    affine = tick.rest.features[: 1 + LINEAR]
-    for values, held in ((particles.x[row], place), (particles.v[row], velocity)):
-        motion = (held - values[:, pin.particle]) @ pin.reach
-        values += motion.astype(values.dtype) @ affine
-        values[:, pin.particle] = held
 
 
 def _hold_rigid(

@@ -44,7 +44,7 @@ class Regions:
     spread : (n, 4 K) sparse
         transforms → goals
     mass : (K,) float
-        share of the body's mass
+        what the regions weigh
     inverse : (K, 3, 3) float
         pseudo-inverse of Σ w ω q qᵀ
     unspanned : (K, 3, 3) float
@@ -65,7 +65,9 @@ class Regions:
         return len(self.mass)
 
 
-def make_regions(rest: RestShape, count: int, overlap: int) -> Regions:
+def make_regions(
+    rest: RestShape, count: int, overlap: int, weights: np.ndarray | None = None
+) -> Regions:
     """
     Return the regions around `count` particles that are as far from each other as can be.
 
@@ -77,11 +79,14 @@ def make_regions(rest: RestShape, count: int, overlap: int) -> Regions:
     overlap : int
         regions that each particle belongs to: those of its nearest seeds, with shares that
         vanish where the next one comes nearer
+    weights : (n,) float, optional
+        what the particles weigh in the matches, by default their masses
 
     """
     points = np.ascontiguousarray(rest.features[1 : 1 + LINEAR].T, dtype=np.float64)
     # a region of vertices that belong to no face must have a centre, too
-    weights = np.maximum(rest.weights.astype(np.float64), 1e-12)
+    weights = rest.weights if weights is None else weights
+    weights = np.maximum(weights.astype(np.float64), 1e-12)
     member, shares = _shares(points, points[farthest_points(points, count)], overlap)
     particle = np.repeat(np.arange(len(points)), member.shape[1])
     region, share = member.ravel(), shares.ravel()

@@ -35,7 +35,7 @@ class RestShape:
     centre : (3,) float
         centre of mass in the body's own frame, m
     scale : float
-        RMS distance of the particles from the centre of mass, m
+        RMS distance of the particles from the centre of mass (by area), m
     weights : (n,) float
         share of the body's mass that each particle has; they sum to 1
     features : (10, n) float
@@ -75,9 +75,18 @@ class RestShape:
         return len(self.weights)
 
 
-def make_rest_shape(surface: Surface, dtype: type = np.float64) -> RestShape:
+def make_rest_shape(
+    surface: Surface, dtype: type = np.float64, weights: np.ndarray | None = None
+) -> RestShape:
     """
     Return the constants of a surface, with the large arrays in `dtype`.
+
+    Parameters
+    ----------
+    surface : Surface
+    dtype : numpy float type
+    weights : (n,) float, optional
+        that sum to 1; by default each vertex has its share of the area
 
     Raises
     ------
@@ -85,10 +94,12 @@ def make_rest_shape(surface: Surface, dtype: type = np.float64) -> RestShape:
         if all vertices coincide.
 
     """
-    weights = _area_weights(surface)
+    area_weights = _area_weights(surface)
+    spread = surface.vertices - area_weights @ surface.vertices
+    scale = float(np.sqrt(area_weights @ np.einsum('ij,ij->i', spread, spread)))
+    weights = area_weights if weights is None else weights
     centre = weights @ surface.vertices
     offsets = surface.vertices - centre
-    scale = float(np.sqrt(weights @ np.einsum('ij,ij->i', offsets, offsets)))
     if not scale > 0.0:
         raise MeshError('all vertices of the surface coincide: a body needs some extent')
     x, y, z = offsets.T / scale

@@ -37,6 +37,11 @@ class Particles:
     start: np.ndarray
     plastic: np.ndarray | None = None
 
+    def of(self, bodies: np.ndarray) -> Particles:
+        """Return copies of the particles of some of the bodies, given as indices."""
+        plastic = None if self.plastic is None else self.plastic[bodies]
+        return Particles(self.x[bodies], self.v[bodies], self.start[bodies], plastic)
+
 
 @dataclass(frozen=True)
 class Tick:

@@ -24,7 +24,7 @@ from softbody_ros.core.dynamics import Batch, SimulationError
 from softbody_ros.core.gains import Gains, make_gains
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.obstacles import Obstacle
-from softbody_ros.core.pins import Pins, make_pins
+from softbody_ros.core.pins import Pins, make_pins, pinned_particles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 from softbody_ros.core.sleep import Stillness
@@ -113,7 +113,8 @@ class World:
             for names, rest in zip(self._members, self._rests, strict=True)
         ]
         self._gains = self._gains_of(config)
-        self._pinned = self._pins_of(config)
+        self._pinned: list[dict[int, Pins]] = [{} for _ in self._members]
+        self._update_pins()
         self.reset()
 
     # ------------------------------------------------------------------------------------- time
@@ -240,12 +241,15 @@ class World:
         )
         self._wake_those_that_notice(self.config, config)
         self.config = config
-        self._gains, self._pinned = self._gains_of(config), self._pins_of(config)
+        self._gains = self._gains_of(config)
+        self._update_pins()
 
     def check(self, config: WorldConfig) -> None:
         """Raise ConfigError if `configure` cannot use a config."""
         _require_same_structure(self.config, config)
-        self._pins_of(config)
+        for bodies, rest in zip(self._batched(config), self._rests, strict=True):
+            for body in bodies:
+                pinned_particles(body, rest)
 
     def _wake_those_that_notice(self, old: WorldConfig, new: WorldConfig) -> None:
         """Wake bodies by a change that matters to them; those of start states do not."""
@@ -274,11 +278,13 @@ class World:
             for bodies in self._batched(config)
         ]
 
-    def _pins_of(self, config: WorldConfig) -> list[dict[int, Pins]]:
-        return [
-            make_pins(bodies, rest)
-            for bodies, rest in zip(self._batched(config), self._rests, strict=True)
-        ]
+    def _update_pins(self) -> None:
+        for batch, bodies in enumerate(self._batched(self.config)):
+            made = {
+                row: make_pins(body, self._rests[batch], self._pinned[batch].get(row))
+                for row, body in enumerate(bodies)
+            }
+            self._pinned[batch] = {row: pins for row, pins in made.items() if pins is not None}
 
     def _batched(self, config: WorldConfig) -> list[list[BodyConfig]]:
         return [[config.bodies[self._index[name]] for name in names] for names in self._members]
