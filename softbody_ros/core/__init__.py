@@ -3,8 +3,8 @@
 """The simulator: NumPy, SciPy and trimesh only, no ROS."""
 
 from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
-from softbody_ros.core.dynamics import SimulationError
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.tick import SimulationError
 from softbody_ros.core.world import RigidFit, Snapshot, World
 
 __all__ = [

@@ -5,35 +5,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import dataclasses
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from softbody_ros.core import (
-    contact,
-    matching,
-    pins,
-    plasticity,
-    regions,
-    rigid_contact,
-    rigid_motion,
-)
+from softbody_ros.core import contact, goals, pins, rigid_contact, rigid_motion
 from softbody_ros.core.gains import Gains
-from softbody_ros.core.matching import Match
+from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.pins import Pins
-from softbody_ros.core.regions import RegionMatch, Regions
-from softbody_ros.core.rest_shape import LINEAR, RestShape
+from softbody_ros.core.regions import Regions
+from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.tick import Particles, Tick
-
-LARGEST_MOMENT = 1e100
-"""Beyond it squares leave the finite numbers."""
-
-
-class SimulationError(ArithmeticError):
-    """A step that would leave the finite numbers; the state before it is kept."""
 
 
 @dataclass
@@ -74,11 +58,6 @@ class Batch:
         self.plastic = self.next_plastic
 
 
-def intact(bodies: int, regions: Regions | None) -> np.ndarray:
-    """Return the plastic state (B, 1 + K, 3, 3) of bodies that are as they were made."""
-    return np.tile(np.eye(3), (bodies, 1 + (regions.count if regions else 0), 1, 1))
-
-
 def step_awake(
     batch: Batch,
     awake: np.ndarray,
@@ -103,7 +82,7 @@ def step_awake(
     if part.next_plastic is not None:
         before = batch.plastic
         batch.next_plastic = (
-            intact(len(batch.x), batch.regions) if before is None else before.copy()
+            goals.intact(len(batch.x), batch.regions) if before is None else before.copy()
         )
         batch.next_plastic[awake] = part.next_plastic
 
@@ -142,7 +121,7 @@ def step(
     """
     tick = Tick(batch.rest, batch.regions, gains, gravity, h)
     particles = predict(batch, tick)
-    match = find_goals_with_pins(particles, pinned, tick)
+    match = goals.find(particles, pinned, tick)
     damp(particles, match.centre, tick)
     momentum = rigid_motion.momentum(particles.x, particles.v, match.centre, tick.rest)
     pull(particles, match, tick)
@@ -161,133 +140,6 @@ def predict(batch: Batch, tick: Tick) -> Particles:
     x += (0.5 * h**2 * tick.gravity).astype(x.dtype)[:, None]
     np.add(batch.v, (h * tick.gravity).astype(v.dtype)[:, None], out=v)
     return Particles(x, v, start=batch.x, plastic=batch.plastic)
-
-
-def find_goals_with_pins(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> Match:
-    """Match all bodies: those that hang on pins with the weights that these give them."""
-    hanging = [row for row in pinned if not tick.gains.rigid[row]]
-    if not hanging:
-        return find_goals(particles, tick)
-    x, before = particles.x, particles.plastic
-    plastic = intact(len(x), tick.regions) if before is None else before.copy()
-    match = Match(
-        (x @ tick.rest.weights).astype(np.float64),
-        np.empty((2, *x.shape), x.dtype),
-        np.zeros(len(x)),
-        plastic,
-    )
-    free = np.setdiff1d(np.arange(len(x)), hanging)
-    groups = [(np.array([row]), pinned[row].rest, pinned[row].regions) for row in hanging]
-    if len(free):
-        groups.append((free, tick.rest, tick.regions))
-    flows = before is not None
-    for rows, rest, parts in groups:
-        part_tick = dataclasses.replace(tick, rest=rest, regions=parts, gains=tick.gains.of(rows))
-        part = find_goals(particles.of(rows), part_tick)
-        match.goals[:, rows], match.strayed[rows] = part.goals, part.strayed
-        if part.plastic is not None:
-            plastic[rows] = part.plastic
-            flows = True
-    return match if flows else dataclasses.replace(match, plastic=None)
-
-
-def find_goals(particles: Particles, tick: Tick) -> Match:
-    """Match the rest shape with the particles: where they want to be."""
-    rest, gains, plastic = tick.rest, tick.gains, particles.plastic
-    centre, moment = matching.moments(particles.x, rest, gains.features)
-    require_finite(moment)
-    stretch = None if plastic is None else plastic[:, 0]
-    undeformed = plasticity.undeformed(moment, stretch)
-    fits = fit_of_each_mode(moment, undeformed, stretch, tick)
-    deformation = gains.deformation * (1.0 - fits.strayed)
-    transforms = matching.blended(fits.followed, undeformed, deformation)
-    if tick.regions is None:
-        goals, parts = matching.goals(centre, transforms, rest), None
-    else:
-        stretch = None if plastic is None else plastic[:, 1:]
-        parts = regions.match(particles.x, tick.regions, rest, stretch)
-        whole = gains.whole_body[:, None]
-        goals = matching.goals(whole * centre, whole[..., None] * transforms, rest)
-        of_regions = regions.goals(parts, tick.regions, rest)
-        of_regions *= (1.0 - whole[..., None]).astype(of_regions.dtype)
-        goals += of_regions
-    return Match(centre, goals, fits.strayed, flowed(plastic, fits, parts, tick))
-
-
-def flowed(
-    plastic: np.ndarray | None, fits: Fits, parts: RegionMatch | None, tick: Tick
-) -> np.ndarray | None:
-    """Return the plastic state after the tick; what has strayed comes back, it does not flow."""
-    gains = tick.gains
-    creeping = gains.creeping * (fits.strayed < 1.0)
-    if not creeping.any():
-        return plastic
-    transforms = fits.nearest[:, None, :, :LINEAR]
-    if tick.regions is not None and parts is not None:
-        transforms = np.concatenate([transforms, regions.fits(parts, tick.regions)], axis=1)
-    if plastic is None:
-        plastic = np.broadcast_to(np.eye(3), transforms.shape)
-    limits = (gains.yield_strain, creeping, gains.largest_strain)
-    return plasticity.flowed(
-        plastic,
-        plasticity.elastic(transforms, plastic),
-        *(np.broadcast_to(limit[:, None], transforms.shape[:2]) for limit in limits),
-    )
-
-
-@dataclass(frozen=True)
-class Fits:
-    """
-    What the shapes of B bodies come nearest to the particles with.
-
-    Attributes
-    ----------
-    nearest : (B, 3, F) float
-    followed : (2, B, 3, F) float
-        what the goals of positions and of velocities follow of it: their volume is conserved
-    strayed : (B,) float
-        see `Match`
-
-    """
-
-    nearest: np.ndarray
-    followed: np.ndarray
-    strayed: np.ndarray
-
-
-def fit_of_each_mode(
-    moment: np.ndarray, undeformed: np.ndarray, stretch: np.ndarray | None, tick: Tick
-) -> Fits:
-    """Return the quadratic fits of quadratic bodies, the linear ones of the others."""
-    fits = find_fits(moment, undeformed, stretch, tick)
-    quadratic = tick.gains.quadratic
-    if tick.gains.features == LINEAR or quadratic.all():
-        return fits
-    linear = find_fits(moment[..., :LINEAR], undeformed, stretch, tick)
-    chosen = quadratic[:, None, None]
-    return Fits(
-        np.where(chosen, fits.nearest, matching.padded(linear.nearest)),
-        np.where(chosen, fits.followed, matching.padded(linear.followed)),
-        np.where(quadratic, fits.strayed, linear.strayed),
-    )
-
-
-def find_fits(
-    moment: np.ndarray, undeformed: np.ndarray, stretch: np.ndarray | None, tick: Tick
-) -> Fits:
-    """Fit as many features as the moments (B, 3, F) have."""
-    nearest = matching.fit(moment, undeformed, tick.rest)
-    kept, volume = matching.of_rest_volume(nearest, tick.rest)
-    strayed = matching.strayed(plasticity.elastic(nearest, stretch), volume)
-    kept = np.where((strayed < 1.0)[:, None, None], kept, nearest)
-    conserved = tick.gains.volume_conservation[..., None, None]
-    return Fits(nearest, nearest + conserved * (kept - nearest), strayed)
-
-
-def require_finite(moment: np.ndarray) -> None:
-    """Raise if any position or velocity was not finite: the moments are sums over all of them."""
-    if not np.abs(moment).max() < LARGEST_MOMENT:
-        raise SimulationError('a position or velocity is not finite any more')
 
 
 def damp(particles: Particles, centre: np.ndarray, tick: Tick) -> None:

@@ -10,8 +10,6 @@ SIGGRAPH 2005. All functions work on a stack of B bodies that share one rest sha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
@@ -29,31 +27,6 @@ VOLUME_STEPS = 2
 """Each squares the error of the volume."""
 LEAST_SLOPE = 1e-3
 """Squared volume gradient below which a volume does not tell where to go."""
-
-
-@dataclass(frozen=True)
-class Match:
-    """
-    Where the goals of B bodies are.
-
-    Attributes
-    ----------
-    centre : (B, 3) float
-        centre of mass, m
-    goals : (2, B, 3, n) float
-        for positions, and for velocities, m
-    strayed : (B,) float
-        from 0, anything that a goal can follow, to 1, a state that only the rest shape leads out
-        of
-    plastic : (B, 1 + K, 3, 3) float or None
-        plastic state after the tick: of the whole body and of its K regions
-
-    """
-
-    centre: np.ndarray
-    goals: np.ndarray
-    strayed: np.ndarray
-    plastic: np.ndarray | None
 
 
 def moments(x: np.ndarray, rest: RestShape, features: int) -> tuple[np.ndarray, np.ndarray]:

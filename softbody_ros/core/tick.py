@@ -16,6 +16,10 @@ SLOW_TICKS = 2.0
 """What gravity adds in so many ticks is too slow to bounce, so that bodies come to rest."""
 
 
+class SimulationError(ArithmeticError):
+    """A step that would leave the finite numbers; the state before it is kept."""
+
+
 @dataclass(frozen=True)
 class Particles:
     """

@@ -20,7 +20,7 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
-from softbody_ros.core.dynamics import Batch, SimulationError
+from softbody_ros.core.dynamics import Batch
 from softbody_ros.core.gains import Gains, make_gains
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.obstacles import Obstacle
@@ -28,6 +28,7 @@ from softbody_ros.core.pins import Pins, make_pins, pinned_particles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 from softbody_ros.core.sleep import Stillness
+from softbody_ros.core.tick import SimulationError
 
 
 @dataclass(frozen=True)
