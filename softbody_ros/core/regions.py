@@ -24,6 +24,8 @@ from softbody_ros.core.rest_shape import LINEAR, RestShape, pseudo_inverse
 
 FLAT = 0.01
 """Squared extent, relative to the largest, below which a region has no stretch across itself."""
+POINT = 1e-8
+"""Squared extent, relative to the body's, below which a region has no stretch at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ def make_regions(
     ----------
     rest : RestShape
     count : int
-        K, at most the number of particles
+        K, at most the number of particles; fewer are made if there are fewer places
     overlap : int
         regions that each particle belongs to: those of its nearest seeds, with shares that
         vanish where the next one comes nearer
@@ -84,10 +86,12 @@ def make_regions(
 
     """
     points = np.ascontiguousarray(rest.features[1 : 1 + LINEAR].T, dtype=np.float64)
+    seeds = farthest_points(points, count)
+    count = len(seeds)
     # a region of vertices that belong to no face must have a centre, too
     weights = rest.weights if weights is None else weights
     weights = np.maximum(weights.astype(np.float64), 1e-12)
-    member, shares = _shares(points, points[farthest_points(points, count)], overlap)
+    member, shares = _shares(points, points[seeds], overlap)
     particle = np.repeat(np.arange(len(points)), member.shape[1])
     region, share = member.ravel(), shares.ravel()
 
@@ -107,6 +111,8 @@ def make_regions(
         region,
         (share * weights[particle])[:, None, None] * offsets[:, :, None] * offsets[:, None, :],
     )
+    # of a single particle only rounding would be left
+    gram[np.einsum('kii->k', gram) < POINT * mass] = 0.0
     pairs = [pseudo_inverse(each, FLAT) for each in gram]
 
     columns = 4 * region[:, None] + np.arange(4)
@@ -134,12 +140,18 @@ def make_regions(
 
 
 def farthest_points(points: np.ndarray, count: int) -> np.ndarray:
-    """Return the indices of `count` points (n, 3), each as far as can be from those before."""
+    """
+    Return the indices of `count` points (n, 3), each as far as can be from those before.
+
+    Fewer if there are fewer places: points that coincide are chosen once.
+    """
     chosen = np.empty(count, dtype=np.int64)
     # the first is the one farthest from the centre: a tip, not some vertex that happens to be 0
     distance = np.linalg.norm(points, axis=1)
     for index in range(count):
         chosen[index] = np.argmax(distance)
+        if index and distance[chosen[index]] == 0.0:
+            return chosen[:index]
         apart = np.linalg.norm(points - points[chosen[index]], axis=1)
         distance = np.minimum(distance, apart) if index else apart
     return chosen
