@@ -174,6 +174,11 @@ def _hold_rigid(
     particles: Particles, row: int, pin: Pins, place: np.ndarray, velocity: np.ndarray, tick: Tick
 ) -> None:
     x, v, rest = particles.x[row], particles.v[row], tick.rest
+    # half of the impulse where the tick begins, the rest where it ends: a pendulum swings on
+    start = particles.start[row]
+    centre = (start @ rest.weights).astype(np.float64)
+    push, spin = _least_motion(start, centre, velocity - v[:, pin.particle], pin, rest)
+    v += 0.5 * (push[:, None] + np.cross(spin, start - centre[:, None], axisb=0, axisc=0))
     for _ in range(RIGID_ROUNDS):
         centre = (x @ rest.weights).astype(np.float64)
         move, turn = _least_motion(x, centre, place - x[:, pin.particle], pin, rest)
