@@ -85,7 +85,8 @@ def make_regions(
         what the particles weigh in the matches, by default their masses
 
     """
-    points = np.ascontiguousarray(rest.features[1 : 1 + LINEAR].T, dtype=np.float64)
+    # not the features, which may be float32: which of two equally far seeds it is must not differ
+    points = (rest.surface.vertices - rest.centre) / rest.scale
     seeds = farthest_points(points, count)
     count = len(seeds)
     # a region of vertices that belong to no face must have a centre, too
