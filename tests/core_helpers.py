@@ -124,3 +124,25 @@ def random_rotation(seed):
     return trimesh.transformations.random_rotation_matrix(
         np.random.default_rng(seed).uniform(size=3)
     )[:3, :3]
+
+
+def disturbed(world, name='body', seed=0, shape=0.1, speed=0.5):
+    """Turn and deform a body in ways that its mode knows and does not know; kick its particles."""
+    random = np.random.default_rng(seed)
+    rest = world.rest_shape(name)
+    transform = random_rotation(seed) @ (np.eye(3) + shape * random.normal(size=(3, 3)))
+    bend = shape * random.normal(size=(3, 6))
+    x = rest.scale * (transform @ rest.features[1:4] + bend @ rest.features[4:]).T
+    x += 0.3 * shape * rest.scale * random.normal(size=x.shape)
+    v = speed * rest.scale * random.normal(size=x.shape)
+    v += np.cross(speed * random.normal(size=3), x) + random.normal(size=3)
+    put(world, name, x + random.normal(size=3), v)
+
+
+def frequency_and_decay(amplitudes, h):
+    """Return ω√(1−ζ²) and ζω, 1/s, of the best damped sinusoid through the samples."""
+    table = np.stack([amplitudes[1:-1], amplitudes[:-2]], axis=1)
+    trace, minus_square = np.linalg.lstsq(table, amplitudes[2:], rcond=None)[0]
+    eigenvalue = (trace + np.sqrt(complex(trace**2 + 4 * minus_square))) / 2
+    rate = np.log(eigenvalue) / h
+    return abs(rate.imag), -rate.real
