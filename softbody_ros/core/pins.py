@@ -119,15 +119,14 @@ def pinned_particles(body: BodyConfig, rest: RestShape) -> np.ndarray:
     chosen[list(body.pins_indices)] = True
     if any(body.pins_box):
         corners = np.reshape(body.pins_box, (2, 3))
-        inside = (corners.min(axis=0) <= rest.surface.vertices) & (
-            rest.surface.vertices <= corners.max(axis=0)
-        )
-        chosen |= inside.all(axis=1)
-        if not chosen.any():
+        vertices = rest.surface.vertices
+        inside = (corners.min(axis=0) <= vertices) & (vertices <= corners.max(axis=0))
+        inside = inside.all(axis=1)
+        chosen |= inside
+        if not inside.any():
             raise ConfigError(
                 f'{body.prefix}pins.box is {list(body.pins_box)}: no vertex is inside, the mesh '
-                f'reaches from {_point(rest.surface.vertices.min(axis=0))} to '
-                f'{_point(rest.surface.vertices.max(axis=0))} m'
+                f'reaches from {_point(vertices.min(axis=0))} to {_point(vertices.max(axis=0))} m'
             )
     return np.flatnonzero(chosen)
 
