@@ -25,13 +25,11 @@ from scipy.spatial.transform import Rotation
 from softbody_ros.core import rigid_motion
 from softbody_ros.core.config import BodyConfig, ConfigError
 from softbody_ros.core.regions import Regions, make_regions
-from softbody_ros.core.rest_shape import RestShape, make_rest_shape, pseudo_inverse
+from softbody_ros.core.rest_shape import RANK_CUT, RestShape, make_rest_shape, pseudo_inverse
 from softbody_ros.core.tick import Particles, Tick
 
 COUPLING = 100.0
 """What the pins weigh in the match, in body masses."""
-RIGID_COMPLIANCE = 1e-8
-"""Kinetic energy that a motion may cost, against the misfit of the pins that it removes."""
 RIGID_ROUNDS = 3
 """A rigid body is turned to its pins so many times; each squares the error."""
 
@@ -199,6 +197,11 @@ def _least_motion(
     jacobian = np.concatenate([moves, turns], axis=2).reshape(-1, 6)
     energy = np.eye(6)
     energy[3:, 3:] = rigid_motion.inertia(x[None], centre[None], rest)[0] / rest.scale**2
-    inverse, _ = pseudo_inverse(jacobian.T @ jacobian / len(arms) + RIGID_COMPLIANCE * energy)
-    motion = inverse @ (jacobian.T @ misfit.T.ravel()) / len(arms)
+    # motions of kinetic energy 1: of those that the pins leave free, none
+    values, vectors = np.linalg.eigh(energy)
+    turning = values > RANK_CUT  # a rod does not turn about itself
+    motions = vectors[:, turning] / np.sqrt(values[turning])
+    felt = jacobian @ motions
+    inverse, _ = pseudo_inverse(felt.T @ felt)
+    motion = motions @ (inverse @ (felt.T @ misfit.T.ravel()))
     return motion[:3], motion[3:] / rest.scale
