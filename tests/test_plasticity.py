@@ -171,31 +171,40 @@ def floated(world, seconds=2.0):
 @pytest.mark.parametrize('count', [0, 12])
 @pytest.mark.parametrize('mode', SOFT)
 def test_an_impact_leaves_a_dent(mode, count):
-    world = dropped(mode=mode, plasticity_creep=10.0, regions_count=count)
+    world = dropped(2.0, mode=mode, plasticity_creep=10.0, regions_count=count)
     floated(world)
     dent = rms_displacement(world, 'ball')
     assert dent > 0.01
     assert 0.01 < world.permanent_strain('ball') <= 0.3 + 1e-12
-    world.step(240)
-    assert rms_displacement(world, 'ball') == pytest.approx(dent, abs=1e-6)
+    world.step(120)
+    assert rms_displacement(world, 'ball') == pytest.approx(dent, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    'values',
-    [
+@pytest.mark.parametrize('count', [0, 12])
+def test_what_does_not_yield_keeps_no_dent(count):
+    parameters = [
         {'plasticity_creep': 0.0},
         # a cap that is pressed flat has a strain of nearly 1 across itself
         {'plasticity_creep': 100.0, 'plasticity_yield': 1.5},
         {'plasticity_creep': 100.0, 'plasticity_max': 0.0},
         {'plasticity_creep': 100.0, 'mode': 'rigid'},
-    ],
-)
-@pytest.mark.parametrize('count', [0, 12])
-def test_what_does_not_yield_keeps_no_dent(values, count):
-    world = dropped(regions_count=count, **values)
+    ]
+    bodies = tuple(
+        BodyConfig(
+            name=f'b{i}',
+            subdivisions=2,
+            position=(3.0 * i, 0.0, 1.5),
+            regions_count=count,
+            **values,
+        )
+        for i, values in enumerate(parameters)
+    )
+    world = World(WorldConfig(bodies=bodies))
+    world.step(480)
     floated(world)
-    assert world.permanent_strain('ball') == pytest.approx(0.0, abs=1e-12)
-    assert rms_displacement(world, 'ball') < 1e-4
+    for name in world.names:
+        assert world.permanent_strain(name) == pytest.approx(0.0, abs=1e-12)
+        assert rms_displacement(world, name) < 1e-4
 
 
 @pytest.mark.parametrize('mode', SOFT)
@@ -379,7 +388,7 @@ def test_a_failing_tick_leaves_what_is_permanent():
 
 
 @pytest.mark.parametrize('count', [0, 12])
-@pytest.mark.parametrize('neighbour', [{}, {'mode': 'rigid'}, {'plasticity_creep': 100.0}])
+@pytest.mark.parametrize('neighbour', [{'mode': 'rigid'}, {'plasticity_creep': 100.0}])
 def test_bodies_of_one_batch_flow_as_if_alone(neighbour, count):
     common = {'subdivisions': 2, 'regions_count': count, 'plasticity_yield': 0.03}
     bodies = (
@@ -388,10 +397,10 @@ def test_bodies_of_one_batch_flow_as_if_alone(neighbour, count):
     )
     together = World(WorldConfig(bodies=bodies))
     assert len(together._batches) == 1
-    together.step(200)
+    together.step(160)
     for config in bodies:
         alone = World(WorldConfig(bodies=(config,)))
-        alone.step(200)
+        alone.step(160)
         assert together.positions(config.name) == pytest.approx(
             alone.positions(config.name), abs=1e-11
         )
@@ -496,10 +505,10 @@ def test_shapes_that_span_little_flow_within_bounds(name, count):
         )
         for mode in SOFT
     ]
-    world = floating(*bodies, h=1 / 240)
+    world = floating(*bodies, h=1 / 120)
     for mode in SOFT:
         disturbed(world, mode, seed=6, shape=0.1)
-    world.step(200)
+    world.step(60)
     for mode in SOFT:
         assert np.isfinite(world.positions(mode)).all()
         assert world.permanent_strain(mode) <= 0.3 + 1e-12

@@ -3,6 +3,7 @@
 """Regions: their shares and moments, goals, conservation, local bending, awkward meshes."""
 
 import dataclasses
+import itertools
 import math
 
 from core_helpers import (
@@ -267,31 +268,37 @@ def test_the_pull_has_a_potential(mode, whole, volume_conservation, tolerance):
     assert np.abs(derivative - derivative.T).max() < tolerance * np.abs(derivative).max()
 
 
-@pytest.mark.parametrize('whole', [0.0, 0.3])
-@pytest.mark.parametrize('deformation', [0.0, 0.5, 0.9])
-@pytest.mark.parametrize('mode', SOFT)
-def test_an_undamped_oscillation_does_not_grow(mode, deformation, whole):
-    config = body(
-        mode=mode,
-        bounciness=1.0,
-        deformation=deformation,
-        regions_count=12,
-        regions_whole_body_weight=whole,
-    )
-    world = floating(config, h=1 / 120)
-    disturbed(world, seed=3, shape=0.1, speed=0.1)
+def test_undamped_oscillations_do_not_grow():
+    bodies = [
+        body(
+            name=f'b{i}',
+            mode=mode,
+            bounciness=1.0,
+            deformation=deformation,
+            regions_count=12,
+            regions_whole_body_weight=whole,
+        )
+        for i, (mode, deformation, whole) in enumerate(
+            itertools.product(SOFT, (0.0, 0.5, 0.9), (0.0, 0.3))
+        )
+    ]
+    world = floating(*bodies, h=1 / 120)
+    for name in world.names:
+        disturbed(world, name, seed=3, shape=0.1, speed=0.1)
 
     def root_mean_square(seconds):
         squares = []
-        for _ in range(round(120 * seconds / 2)):
-            world.step(2)
-            squares.append(rms_displacement(world) ** 2)
-        return np.sqrt(np.mean(squares))
+        for _ in range(round(120 * seconds / 4)):
+            world.step(4)
+            squares.append([rms_displacement(world, name) ** 2 for name in world.names])
+        return np.sqrt(np.mean(squares, axis=0))
 
     first = root_mean_square(1.0)
     world.step(18 * 120)
-    assert first > 0.1
-    assert 0.5 * first < root_mean_square(1.0) <= 1.1 * first
+    last = root_mean_square(1.0)
+    assert first.min() > 0.1
+    assert np.all(last <= 1.1 * first)
+    assert np.all(last > 0.5 * first)
 
 
 # ------------------------------------------------------------------------------- step independence
@@ -490,28 +497,28 @@ AWKWARD = rank_deficient_shapes() | {
 }
 
 
-@pytest.mark.parametrize('overlap', [1, 3, 16])
 @pytest.mark.parametrize('name', AWKWARD)
-def test_awkward_meshes_keep_their_momentum_and_find_their_shape_again(name, overlap):
+def test_awkward_meshes_keep_their_momentum_and_find_their_shape_again(name):
     surface = AWKWARD[name]
-    counts = sorted({1, 2, min(5, len(surface.vertices)), len(surface.vertices)})
+    most = len(surface.vertices)
+    covers = {(1, 3), (2, 1), (min(5, most), 16), (most, 1), (most, 3)}
     bodies = [
         BodyConfig(
-            name=f'{mode}{count}',
+            name=f'{mode}_{count}_{overlap}',
             mesh=surface,
             mode=mode,
             regions_count=count,
             regions_overlap=overlap,
         )
+        for count, overlap in sorted(covers)
         for mode in SOFT
-        for count in counts
     ]
-    world = floating(*bodies, h=1 / 120)
+    world = floating(*bodies, h=1 / 60)
     before = {}
     for seed, body_name in enumerate(world.names):
         disturbed(world, body_name, seed=seed, shape=0.05, speed=0.3)
         before[body_name] = momentum(world, body_name), angular_momentum(world, body_name)
-    world.step(200)
+    world.step(100)
     for body_name, (linear, spin) in before.items():
         assert np.isfinite(world.positions(body_name)).all()
         assert momentum(world, body_name) == pytest.approx(linear, abs=1e-12)
