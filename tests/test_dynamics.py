@@ -367,6 +367,96 @@ def test_a_left_alone_body_comes_to_rigid_motion(mode):
     assert rms_displacement(world) < 1e-4
 
 
+# ---------------------------------------------------------------------------------------- damping
+def left_of_the_velocity(damping, mode, h, ticks):
+    """Return what is left of a velocity of deformation that nothing else acts on."""
+    config = body(mode=mode, stiffness=0.0, damping=damping)
+    world = floating(config, h=h, reference_step=REFERENCE)
+    weights, speed = world.rest_shape('body').weights, 1e-4 * world.positions('body') @ STRETCH
+    put(world, 'body', velocities=speed + (1.0, 2.0, 3.0))
+    world.step(ticks)
+    now = world.velocities('body') - momentum(world)
+    return (weights @ np.sum(now * speed, axis=1)) / (weights @ np.sum(speed**2, axis=1))
+
+
+@pytest.mark.parametrize('damping', [0.0, 0.01, 0.2, 0.9, 1.0])
+@pytest.mark.parametrize('mode', SOFT)
+def test_damping_takes_its_share_of_the_deformation_in_each_reference_step(mode, damping):
+    expected = (1.0 - damping) ** 6
+    for hertz in (60, 240, 960):
+        left = left_of_the_velocity(damping, mode, 1 / hertz, hertz // 20)
+        assert left == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize('bounciness', [0.5, 1.0])
+@pytest.mark.parametrize('mode', SOFT)
+def test_damping_adds_to_the_decay_the_same_at_any_step(mode, bounciness):
+    undamped = body(mode=mode, stiffness=0.3, bounciness=bounciness)
+    damped = dataclasses.replace(undamped, damping=0.02)
+    for h in (1 / 60, 1 / 240, 1 / 960):
+        before, after = (
+            frequency_and_decay(history(config, h, stretch), h) for config in (undamped, damped)
+        )
+        assert after[1] - before[1] == pytest.approx(-math.log(0.98) / 2 / REFERENCE, rel=0.02)
+        assert after[0] == pytest.approx(before[0], rel=0.02)
+
+
+@pytest.mark.parametrize('count', [0, 12])
+@pytest.mark.parametrize('damping', [0.1, 1.0])
+@pytest.mark.parametrize('mode', MODES)
+def test_damping_keeps_momentum_and_angular_momentum(mode, damping, count):
+    world = floating(
+        body(sheared_box(), mode=mode, damping=damping, regions_count=count), h=1 / 240
+    )
+    disturbed(world, seed=4, shape=0.1, speed=2.0)
+    linear, spin = momentum(world), angular_momentum(world)
+    for _ in range(20):
+        world.step(5)
+        assert np.linalg.norm(momentum(world) - linear) < 1e-12 * np.linalg.norm(linear)
+        assert np.linalg.norm(angular_momentum(world) - spin) < 1e-12 * np.linalg.norm(spin)
+
+
+@pytest.mark.parametrize('damping', [0.1, 1.0])
+@pytest.mark.parametrize('mode', MODES)
+def test_damping_does_not_hold_up_a_body_that_flies_and_turns(mode, damping):
+    """What turns fast is stretched by it, and damping has a say in that; hence so slowly."""
+    spin = (3.0, -1.0, 2.0) if mode == 'rigid' else (3e-5, -1e-5, 2e-5)
+    worlds = [
+        floating(
+            body(
+                sheared_box(),
+                mode=mode,
+                damping=value,
+                initial_velocity_linear=(1.0, 2.0, 3.0),
+                initial_velocity_angular=spin,
+            ),
+            h=1 / 240,
+            gravity=9.81,
+        )
+        for value in (0.0, damping)
+    ]
+    for world in worlds:
+        world.step(240)
+    assert worlds[1].positions('body') == pytest.approx(worlds[0].positions('body'), abs=1e-12)
+
+
+@pytest.mark.parametrize('bounciness', [0.0, 0.5, 1.0])
+@pytest.mark.parametrize('mode', SOFT)
+def test_at_full_damping_nothing_swings(mode, bounciness):
+    config = body(mode=mode, bounciness=bounciness, damping=1.0)
+    for h in (1 / 60, 1 / 240):
+        amplitudes = history(config, h, stretch)
+        assert np.all(amplitudes > -1e-9)
+        assert np.all(np.diff(amplitudes) < 1e-9)
+    world = floating(config)
+    disturbed(world, seed=2, shape=0.1, speed=0.5)
+    world.step()
+    fit, arms = world.rigid_fit('body'), world.positions('body') - centre(world)
+    rigid = momentum(world) + np.cross(fit.angular_velocity, arms)
+    assert np.abs(rigid).max() > 0.1
+    assert world.velocities('body') == pytest.approx(rigid, abs=1e-12)
+
+
 # ------------------------------------------------------------------------------------------ rigid
 def test_a_rigid_body_keeps_its_shape_exactly():
     world = floating(
