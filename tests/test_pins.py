@@ -455,6 +455,14 @@ def test_a_body_that_hangs_still_falls_asleep_and_wakes_when_its_pins_change(mod
     assert centre(world)[2] < height - 4.0
 
 
+def test_pins_that_are_moved_slowly_keep_a_body_awake():
+    config = body(BALL, pins_indices=(TOP,), pins_velocity_linear=(1e-4, 0.0, 0.0))
+    world = floating(config, h=1 / 60)
+    world.step(480)
+    assert not world.is_asleep('body')
+    assert world.positions('body')[TOP] == pytest.approx(BALL.vertices[TOP] + (8e-4, 0.0, 0.0))
+
+
 def test_a_swinging_body_does_not_fall_asleep():
     world = hanging(indices=(0,), mode='rigid')
     world.step(480)
