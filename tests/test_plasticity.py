@@ -23,6 +23,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, SimulationError, World, WorldConfig
+from softbody_ros.core.goals import intact
 from softbody_ros.core.plasticity import flowed, strain, undeformed
 
 MODES = ('rigid', 'linear', 'quadratic')
@@ -327,8 +328,8 @@ def test_what_becomes_permanent_hardly_depends_on_the_step(values, count):
 def plastic_bytes(world):
     """Return everything that is permanent as bytes; nothing permanent is no stretch at all."""
     return b''.join(
-        (
-            batch.intact() if batch.plastic is None else np.ascontiguousarray(batch.plastic)
+        np.array(
+            intact(len(batch.x), batch.regions) if batch.plastic is None else batch.plastic
         ).tobytes()
         for batch in world._batches
     )

@@ -31,9 +31,9 @@ from softbody_ros.core import (
     Surface,
     World,
     WorldConfig,
-    dynamics,
     make_surface,
 )
+from softbody_ros.core.goals import find
 from softbody_ros.core.regions import farthest_points, goals, make_regions, match
 from softbody_ros.core.rest_shape import make_rest_shape
 from softbody_ros.core.tick import Particles, Tick
@@ -93,7 +93,7 @@ def goal_of_each_mode(config, x, h=REFERENCE):
     world = floating(config, h=h, reference_step=REFERENCE)
     batch, gains = world._batches[0], world._gains[0]
     tick = Tick(batch.rest, batch.regions, gains, np.zeros(3), h)
-    return dynamics.find_goals(Particles(x, np.zeros_like(x), start=x), tick).goals
+    return find(Particles(x, np.zeros_like(x), start=x), {}, tick).goals
 
 
 # ---------------------------------------------------------------------------------------- shares
