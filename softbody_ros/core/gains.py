@@ -106,18 +106,23 @@ def make_gains(bodies: Sequence[BodyConfig], step: float, reference_step: float)
 
 
 def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
+    reference_steps = step / reference_step
+    kept_velocity = (1.0 - body.damping) ** reference_steps
     s, k, beta_s, beta_k = 1.0, 1.0, 0.0, 0.0
     critical = (1.0, 1.0)
     conserved_s = conserved_k = body.volume_conservation
     if body.mode != 'rigid':
         alpha, beta, kept = body.stiffness, body.deformation, body.volume_conservation
 
-        def gains_at(share: float) -> tuple[float, float]:
-            return oscillator_gains(share * alpha, body.bounciness, step, reference_step)
+        def gains_at(share: float, bounciness: float = body.bounciness) -> tuple[float, float]:
+            s, k = oscillator_gains(share * alpha, bounciness, step, reference_step)
+            # the map has trace 1 − s + κ − k and determinant (1 − s) κ: no negative eigenvalue
+            return s, min(k, (math.sqrt(1.0 - s) + math.sqrt(kept_velocity)) ** 2)
 
         s, k = gains_at(1.0)
-        critical = oscillator_gains(alpha, 0.0, step, reference_step)
+        critical = gains_at(1.0, bounciness=0.0)
         followed_s, followed_k = gains_at(1.0 - beta)
+        followed_k = min(followed_k, k)
         breathing_s, breathing_k = gains_at(1.0 - beta * (1.0 - kept))
         beta_k = 1.0 - followed_k / k if k > 0.0 else beta
         beta_s = 1.0 - followed_s / s if s > 0.0 else beta
@@ -125,7 +130,6 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
             conserved_k = (breathing_k - followed_k) / (k - followed_k)
         if s > followed_s:
             conserved_s = (breathing_s - followed_s) / (s - followed_s)
-    reference_steps = step / reference_step
     friction = body.friction
     if body.friction_model == 'viscous':
         friction = 1.0 - (1.0 - friction) ** reference_steps
@@ -141,7 +145,7 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
         friction,
         body.friction_model == 'coulomb',
         body.thickness,
-        (1.0 - body.damping) ** reference_steps,
+        kept_velocity,
         body.plasticity_yield,
         -math.expm1(-body.plasticity_creep * step),
         body.plasticity_max,
