@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, World, WorldConfig, make_surface
-from softbody_ros.core.gains import damping_ratio, natural_frequency, oscillator_gains
+from softbody_ros.core.gains import damping_ratio, make_gains, natural_frequency, oscillator_gains
 
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')
@@ -440,21 +440,58 @@ def test_damping_does_not_hold_up_a_body_that_flies_and_turns(mode, damping):
     assert worlds[1].positions('body') == pytest.approx(worlds[0].positions('body'), abs=1e-12)
 
 
+@pytest.mark.parametrize('deviation', [stretch, wrinkle])
 @pytest.mark.parametrize('bounciness', [0.0, 0.5, 1.0])
 @pytest.mark.parametrize('mode', SOFT)
-def test_at_full_damping_nothing_swings(mode, bounciness):
-    config = body(mode=mode, bounciness=bounciness, damping=1.0)
-    for h in (1 / 60, 1 / 240):
-        amplitudes = history(config, h, stretch)
-        assert np.all(amplitudes > -1e-9)
-        assert np.all(np.diff(amplitudes) < 1e-9)
-    world = floating(config)
+def test_at_full_damping_nothing_swings(mode, bounciness, deviation):
+    for stiffness in (0.5, 1.0):
+        config = body(mode=mode, stiffness=stiffness, bounciness=bounciness, damping=1.0)
+        for h in (1 / 60, 1 / 120, 1 / 240):
+            amplitudes = history(config, h, deviation)
+            assert np.all(amplitudes > -1e-6)
+            assert np.all(np.diff(amplitudes) < 1e-6)
+            assert amplitudes[-1] < 0.01
+
+
+def test_full_damping_leaves_the_rigid_motion_only():
+    world = floating(body(damping=1.0, stiffness=0.0))
     disturbed(world, seed=2, shape=0.1, speed=0.5)
     world.step()
     fit, arms = world.rigid_fit('body'), world.positions('body') - centre(world)
     rigid = momentum(world) + np.cross(fit.angular_velocity, arms)
     assert np.abs(rigid).max() > 0.1
     assert world.velocities('body') == pytest.approx(rigid, abs=1e-12)
+
+
+def test_no_damping_and_no_step_let_an_oscillation_grow():
+    """What feels a share of the pull, as regions let it, does not either."""
+    bodies = [
+        body(
+            mode='linear',
+            stiffness=stiffness,
+            bounciness=bounciness,
+            deformation=beta,
+            damping=damping,
+        )
+        for stiffness, bounciness, beta, damping in itertools.product(
+            (0.01, 0.5, 1.0), (0.0, 0.5, 1.0), (0.0, 0.5, 0.9), (0.0, 0.01, 0.2, 0.9, 0.999, 1.0)
+        )
+    ]
+    for h in (1 / 960, 1 / 240, 1 / 120, 1 / 60, 1 / 30, 0.1):
+        gains = make_gains(bodies, h, REFERENCE)
+        for share in (0.3, 1.0):
+            for followed in (0.0, 1.0):
+                s, k = (
+                    share * gain * (1.0 - followed * beta)
+                    for gain, beta in zip(
+                        (gains.position, gains.velocity), gains.deformation, strict=True
+                    )
+                )
+                trace = 1.0 - s + gains.kept_velocity - k
+                determinant = (1.0 - s) * gains.kept_velocity
+                # as above: both eigenvalues are in the unit circle
+                assert np.all(determinant <= 1.0 + 1e-12)
+                assert np.all(np.abs(trace) <= 1.0 + determinant + 1e-12)
 
 
 # ------------------------------------------------------------------------------------------ rigid

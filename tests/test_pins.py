@@ -120,7 +120,7 @@ def test_balls_hang_below_their_pins_with_their_shape(count):
     for mode in MODES:
         assert centre(world, mode) == pytest.approx(below, abs=0.05 * 0.5)
     # they hang by their pins, not in the air
-    assert min(rms_displacement(world, mode) for mode in SOFT) > 0.001
+    assert min(rms_displacement(world, mode) for mode in SOFT) > 0.0005
     configured(world, pins_indices=())
     world.step(240)
     for mode in MODES:
@@ -138,9 +138,9 @@ def test_the_rest_of_a_body_that_is_held_by_a_cap_keeps_its_shape(count, gravity
     for _ in range(20):
         world.step(20)
         for mode in MODES:
-            assert rms_displacement(world, mode) < (0.005 if gravity else 1e-13)
+            assert rms_displacement(world, mode) < (0.01 if gravity else 1e-13)
             moved = np.abs(world.positions(mode) - start)[FREE]
-            assert moved.max() < (0.005 if gravity else 1e-13)
+            assert moved.max() < (0.015 if gravity else 1e-13)
 
 
 def test_bodies_whose_particles_are_all_pinned_do_not_move():
@@ -245,12 +245,23 @@ def test_a_rigid_body_swings_as_a_physical_pendulum_and_swings_on(h, angle):
 
 @pytest.mark.parametrize('angle', [0.1, 1.0])
 @pytest.mark.parametrize('mode', SOFT)
-def test_a_deformable_body_swings_nearly_so(mode, angle):
-    angles, period, world = swing(1 / 240, angle, mode=mode)
+def test_an_undamped_deformable_body_swings_nearly_so_and_swings_on(mode, angle):
+    angles, period, world = swing(1 / 240, angle, mode=mode, bounciness=1.0)
     # it hangs a little longer than it is
-    assert period_of(angles, 1 / 240) == pytest.approx(period, rel=0.03)
-    assert angles[round(period * 240) - 5 :].max() == pytest.approx(angle, rel=0.02)
+    assert period_of(angles, 1 / 240) == pytest.approx(period, rel=0.01)
+    assert angles[round(period * 240) - 5 :].max() == pytest.approx(angle, rel=0.01)
     assert rms_displacement(world) < 0.03
+
+
+@pytest.mark.parametrize('mode', SOFT)
+def test_a_body_that_bounces_less_swings_less_and_less_the_same_at_any_step(mode):
+    kept = []
+    for hertz in (60, 240):
+        angles, period, _ = swing(1 / hertz, 0.5, mode=mode)
+        assert period_of(angles, 1 / hertz) == pytest.approx(period, rel=0.03)
+        kept.append(angles[round(period * hertz) - 5 :].max() / 0.5)
+    assert 0.85 < min(kept) < max(kept) < 1.0
+    assert kept[0] == pytest.approx(kept[1], rel=0.02)
 
 
 def test_the_rigid_pendulum_of_an_edge_is_that_of_an_axis():
@@ -275,20 +286,7 @@ def kicked(**values):
     return world
 
 
-@pytest.mark.parametrize(
-    'count',
-    [
-        0,
-        pytest.param(
-            12,
-            marks=pytest.mark.xfail(
-                reason='the motion that follows the pins and the pull of regions do not commute: '
-                'above a bounciness of 0.9 they pump energy',
-                strict=True,
-            ),
-        ),
-    ],
-)
+@pytest.mark.parametrize('count', [0, 12])
 def test_undamped_pinned_bodies_gain_no_energy(count):
     world = kicked(bounciness=1.0, regions_count=count)
 
@@ -302,7 +300,7 @@ def test_undamped_pinned_bodies_gain_no_energy(count):
     first = mean_kinetic_energies()
     world.step(8 * 120)
     assert first.min() > 0.03
-    assert np.all(mean_kinetic_energies() <= 1.1 * first)
+    assert np.all(mean_kinetic_energies() <= 1.05 * first)
 
 
 @pytest.mark.parametrize('count', [0, 12])
@@ -371,7 +369,7 @@ def test_bodies_follow_their_moved_pins(count):
     world.step(480)
     for mode in MODES:
         assert world.positions(mode) == pytest.approx(expected, abs=tolerance[mode])
-        assert rms_displacement(world, mode) < 0.001
+        assert rms_displacement(world, mode) < 0.002
     configured(world, pins_velocity_linear=(0.0,) * 3, pins_velocity_angular=(0.0,) * 3)
     world.step(480)
     for mode in MODES:
@@ -582,7 +580,8 @@ def test_a_pinned_body_is_held_while_another_of_its_batch_sleeps():
     assert np.array_equal(world.positions('swings')[0], start)
 
 
-def test_pinned_bodies_stay_above_the_ground():
+def test_pinned_bodies_stay_above_the_ground_but_for_their_pins():
+    bottom = int(np.argmin(BALL.vertices[:, 2]))
     bodies = [
         body(
             BALL,
@@ -592,18 +591,33 @@ def test_pinned_bodies_stay_above_the_ground():
             pins_indices=indices,
         )
         for i, (height, indices, mode) in enumerate(
-            itertools.product((0.45, 0.5, 0.6), ((TOP,), CAP), SOFT)
+            itertools.product((0.45, 0.5, 0.6), ((TOP,), CAP, (bottom,)), SOFT)
         )
     ]
     world = World(WorldConfig(bodies=tuple(bodies)))
     start = {name: pinned_positions(world, name) for name in world.names}
-    world.step()
     for _ in range(40):
         world.step(12)
         for name, place in start.items():
-            assert world.positions(name)[:, 2].min() > -0.001
+            free = np.setdiff1d(np.arange(len(BALL.vertices)), pinned_of(world, name))
+            assert world.positions(name)[free, 2].min() > -1e-9
             assert np.array_equal(pinned_positions(world, name), place)
     assert max(rms_displacement(world, name) for name in world.names) < 0.03
+
+
+@pytest.mark.parametrize('thickness', [0.0, 0.02, 0.1])
+def test_a_box_that_is_held_on_the_floor_keeps_its_shape(thickness):
+    bodies = [
+        body('box', name=mode, mode=mode, subdivisions=2, position=(3.0 * i, 0.0, 0.5),
+             thickness=thickness, pins_box=(-1.0, -1.0, -0.6, 1.0, 1.0, -0.4))
+        for i, mode in enumerate(MODES)
+    ]  # fmt: skip
+    world = World(WorldConfig(bodies=tuple(bodies)))
+    start = {mode: pinned_positions(world, mode) for mode in MODES}
+    world.step(480)
+    for mode in MODES:
+        assert pinned_positions(world, mode) == pytest.approx(start[mode], abs=1e-12)
+        assert rms_displacement(world, mode) < 0.005
 
 
 @pytest.mark.parametrize('mode', MODES)
@@ -623,7 +637,7 @@ def test_an_obstacle_that_pushes_does_not_move_pinned_particles(mode):
 
 @pytest.mark.parametrize('mode', SOFT)
 def test_a_hanging_body_that_flows_keeps_within_its_bounds(mode):
-    world = hanging(mode=mode, plasticity_creep=10.0, plasticity_yield=0.01, stiffness=0.3)
+    world = hanging(mode=mode, plasticity_creep=10.0, plasticity_yield=0.005, stiffness=0.05)
     world.step(1200)
     assert 0.05 < world.permanent_strain('body') <= 0.3 + 1e-12
     assert np.array_equal(world.positions('body')[TOP], BALL.vertices[TOP])
