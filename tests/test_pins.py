@@ -430,6 +430,19 @@ def test_a_body_that_is_pinned_while_it_moves_stops_there_without_a_jump(mode):
 
 
 @pytest.mark.parametrize('mode', MODES)
+def test_pins_that_are_changed_are_as_if_they_had_always_been_so(mode):
+    changed, fresh = (
+        hanging(indices=indices, mode=mode, regions_count=12) for indices in ((TOP,), CAP)
+    )
+    changed.step(30)
+    configured(changed, pins_indices=CAP)
+    fresh.restore(changed.snapshot())
+    for world in (changed, fresh):
+        world.step(30)
+    assert bytes_of(changed) == bytes_of(fresh)
+
+
+@pytest.mark.parametrize('mode', MODES)
 def test_a_body_that_hangs_still_falls_asleep_and_wakes_when_its_pins_change(mode):
     world = hanging(mode=mode)
     world.step(600)
