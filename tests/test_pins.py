@@ -95,7 +95,7 @@ def energy(world, name='body'):
 def test_pinned_particles_stay_where_they_are(count):
     world = floating(*of_each_kind(MODES, regions_count=count), h=1 / 240, gravity=GRAVITY)
     start = {name: pinned_positions(world, name) for name in world.names}
-    for _ in range(30):
+    for _ in range(20):
         world.step(7)
         for name, place in start.items():
             now = pinned_positions(world, name)

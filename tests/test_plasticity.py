@@ -187,7 +187,7 @@ def floated(world, seconds=2.0):
 @pytest.mark.parametrize('count', [0, 12])
 @pytest.mark.parametrize('mode', SOFT)
 def test_an_impact_leaves_a_dent(mode, count):
-    world = dropped(2.0, mode=mode, plasticity_creep=10.0, regions_count=count)
+    world = dropped(1.5, mode=mode, plasticity_creep=10.0, regions_count=count)
     floated(world)
     dent = rms_displacement(world, 'ball')
     assert dent > 0.01
@@ -277,7 +277,7 @@ def test_no_parameters_let_a_body_flow_beyond_max(mode, count):
         )
     ]
     world = World(WorldConfig(bodies=tuple(bodies)))
-    for _ in range(24):
+    for _ in range(15):
         world.step(20)
         for config in bodies:
             assert world.permanent_strain(config.name) <= config.plasticity_max + 1e-12
@@ -352,17 +352,17 @@ def falling_pair(**values):
 
 
 @pytest.mark.parametrize('count', [0, 12])
-@pytest.mark.parametrize('before', [20, 200])
+@pytest.mark.parametrize('before', [20, 100])
 def test_a_restored_snapshot_continues_bit_by_bit(before, count):
     """Taken before anything has become permanent, and afterwards."""
     world = falling_pair(regions_count=count)
     world.step(before)
-    assert (world.permanent_strain('plastic') > 0.0) == (before == 200)
+    assert (world.permanent_strain('plastic') > 0.0) == (before == 100)
     saved = world.snapshot()
     world.step(100)
     expected = bytes_of(world), plastic_bytes(world)
     assert world.permanent_strain('plastic') > 0.0
-    world.step(50)
+    world.step(10)
     world.restore(saved)
     world.step(100)
     assert (bytes_of(world), plastic_bytes(world)) == expected

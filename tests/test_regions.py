@@ -282,19 +282,19 @@ def test_undamped_oscillations_do_not_grow():
             itertools.product(SOFT, (0.0, 0.5, 0.9), (0.0, 0.3))
         )
     ]
-    world = floating(*bodies, h=1 / 120)
+    world = floating(*bodies, h=1 / 60)
     for name in world.names:
         disturbed(world, name, seed=3, shape=0.1, speed=0.1)
 
     def root_mean_square(seconds):
         squares = []
-        for _ in range(round(120 * seconds / 4)):
-            world.step(4)
+        for _ in range(round(60 * seconds / 2)):
+            world.step(2)
             squares.append([rms_displacement(world, name) ** 2 for name in world.names])
         return np.sqrt(np.mean(squares, axis=0))
 
     first = root_mean_square(1.0)
-    world.step(18 * 120)
+    world.step(18 * 60)
     last = root_mean_square(1.0)
     assert first.min() > 0.1
     assert np.all(last <= 1.1 * first)
