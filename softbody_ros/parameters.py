@@ -50,6 +50,10 @@ class NodeConfig(Checked):
     time_scale: float = setting(
         1.0, 'simulated seconds per second of the clock; 0 freezes', minimum=0.0, maximum=10.0
     )
+    history_memory: float = setting(
+        128.0, 'for going back in time with /clock; 0 simulates again from the start', unit='MiB',
+        minimum=0.0, maximum=1e6, group='history',
+    )  # fmt: skip
     step_count: int = setting(1, 'ticks per call of ~/step', minimum=1, maximum=1_000_000)
 
     def __post_init__(self) -> None:

@@ -36,7 +36,7 @@ from softbody_ros import messages, parameters
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
 from softbody_ros.core.config import unknown_name
 from softbody_ros.core.gains import damping_ratio, natural_frequency
-from softbody_ros.stepping import Stepper
+from softbody_ros.stepping import MEBIBYTE, Stepper
 
 SHORTEST_PERIOD = 0.004
 """Seconds between two looks at the clock, at the least: a look costs rclpy about 0.1 ms."""
@@ -67,6 +67,7 @@ class SimNode(Node):
         self._world = World(self._scene.world)
         self._stepper = Stepper(self._world, self._rates())
         self._stepper.time_scale = self._scene.node.time_scale
+        self._stepper.history.memory = self._history_bytes()
         self._failure = ''
         self._jumped_back = self._clock_changed = False
         self._publish_seconds = 0.0
@@ -132,9 +133,13 @@ class SimNode(Node):
     def _use_parameters(self, accepted: list[Parameter]) -> None:
         self._values = self._proposed_values(accepted)
         self._scene = parameters.make_scene(self._values)
-        self._world.configure(self._scene.world)
+        self._stepper.configure(self._scene.world)
+        self._stepper.history.memory = self._history_bytes()
         self._stepper.set_time_scale(self._scene.node.time_scale, self._now())
         self._stepper.rates = self._rates()
+
+    def _history_bytes(self) -> float:
+        return self._scene.node.history_memory * MEBIBYTE
 
     def _rates(self) -> dict[str, float]:
         return {'points': self._scene.node.points_rate, 'mesh': self._scene.node.mesh_rate}
@@ -171,7 +176,7 @@ class SimNode(Node):
     def _apply_initial_velocity(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        self._world.apply_initial_velocity()
+        self._stepper.act(World.apply_initial_velocity)
         response.success, response.message = True, 'the bodies have their initial velocities'
         return response
 
@@ -241,8 +246,10 @@ class SimNode(Node):
         if self._clock_changed:
             self._stepper.switch_clock(now)
         elif self._jumped_back and follows_clock:
-            self.get_logger().info('/clock went back: simulating again from the start')
             self._stepper.rewind(now)
+            self.get_logger().info(
+                f'/clock went back: so do the bodies, from {self._world.time:g} s'
+            )
         elif not follows_clock and self._stepper.lag(now) < 0.0:
             self._stepper.reanchor(now)  # somebody set the system's clock back
         self._clock_changed = self._jumped_back = False
@@ -351,6 +358,7 @@ class SimNode(Node):
             'publish time (ms/s)': f'{1e3 * (now.publishing - last.publishing) / seconds:.3f}',
             'dropped time (s)': f'{now.dropped:.3f}',
             'lag behind the clock (s)': f'{self._stepper.lag(self._now()):.3f}',
+            'history (MiB)': f'{self._stepper.history.nbytes / MEBIBYTE:.1f}',
             'tick': str(now.tick),
             'simulated time (s)': f'{self._world.time:.3f}',
         }

@@ -42,6 +42,13 @@ class Snapshot:
     watched: tuple[Stillness, ...]
     obstacles: tuple[Obstacle, ...]
 
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes."""
+        arrays = [*self.x, *self.v, *(array for array in self.plastic if array is not None)]
+        arrays += [watched.anchor for watched in self.watched]
+        return sum(array.nbytes for array in arrays)
+
 
 @dataclass(frozen=True)
 class RigidFit:
