@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import struct
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -155,6 +156,17 @@ def odometry(stamp: int, frame_id: str, body: str, fit: RigidFit) -> Odometry:
     _fill(message.twist.twist.linear, 'xyz', fit.linear_velocity @ fit.rotation)
     _fill(message.twist.twist.angular, 'xyz', fit.angular_velocity @ fit.rotation)
     return message
+
+
+def fill_entity_state(message: Any, stamp: int, frame_id: str, fit: RigidFit) -> None:
+    """Fill a simulation_interfaces/EntityState: pose and twist, both in `frame_id`."""
+    message.header.stamp = time_message(stamp)
+    message.header.frame_id = frame_id
+    quaternion = Rotation.from_matrix(fit.rotation).as_quat()
+    _fill(message.pose.position, 'xyz', fit.position)
+    _fill(message.pose.orientation, 'xyzw', quaternion)
+    _fill(message.twist.linear, 'xyz', fit.linear_velocity)
+    _fill(message.twist.angular, 'xyz', fit.angular_velocity)
 
 
 def _fill(target: object, names: str, values: np.ndarray) -> None:

@@ -32,10 +32,11 @@ from shape_msgs.msg import Mesh
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
-from softbody_ros import messages, parameters
+from softbody_ros import messages, parameters, standard_server
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
 from softbody_ros.core.config import unknown_name
 from softbody_ros.core.gains import damping_ratio, natural_frequency
+from softbody_ros.standard_services import Simulation
 from softbody_ros.stepping import MEBIBYTE, Stepper
 
 SHORTEST_PERIOD = 0.004
@@ -164,14 +165,20 @@ class SimNode(Node):
         self.create_service(Trigger, '~/apply_initial_velocity', self._apply_initial_velocity)
         self.create_service(SetBool, '~/pause', self._pause)
         self.create_service(Trigger, '~/step', self._step)
+        simulation = Simulation(self._stepper, self._paused, self._restarted)
+        standard_server.offer(self, simulation, self._frame_id, self._stamp)
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._restarted()
+        response.success, response.message = True, 'the bodies are back at their start'
+        return response
+
+    def _restarted(self) -> None:
+        """Put the bodies back to their start; a failed simulation goes on."""
         self._stepper.reset(self._now())
         if self._failure:
             self._failure = ''
             self._stepper.pause(False, self._now())
-        response.success, response.message = True, 'the bodies are back at their start'
-        return response
 
     def _apply_initial_velocity(
         self, _: Trigger.Request, response: Trigger.Response
@@ -181,14 +188,19 @@ class SimNode(Node):
         return response
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if self._failure and not request.data:
-            response.success = False
-            response.message = f'the simulation has stopped ({self._failure}): call ~/reset'
-            return response
-        self._stepper.pause(request.data, self._now())
-        state = 'paused' if request.data else 'running'
-        response.success, response.message = True, f'{state} at tick {self._world.tick}'
+        response.message = self._paused(request.data)
+        response.success = not response.message
+        if response.success:
+            state = 'paused' if request.data else 'running'
+            response.message = f'{state} at tick {self._world.tick}'
         return response
+
+    def _paused(self, paused: bool) -> str:
+        """Pause or go on; return why that cannot be, or nothing."""
+        if self._failure and not paused:
+            return f'the simulation has stopped ({self._failure}): call ~/reset'
+        self._stepper.pause(paused, self._now())
+        return ''
 
     def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._stepper.paused:
@@ -232,6 +244,10 @@ class SimNode(Node):
     def _now(self) -> int:
         return self.get_clock().now().nanoseconds
 
+    def _stamp(self) -> int:
+        """Return the clock's time of the present state, ns."""
+        return self._stepper.time_of(self._world.tick)
+
     def _follows_clock(self) -> bool:
         clock = self.get_clock()
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
@@ -274,7 +290,7 @@ class SimNode(Node):
     def _publish(self, outputs: set[str]) -> None:
         """Publish what is due; nothing is packed for a topic without subscribers."""
         begin = time.perf_counter()
-        stamp = self._stepper.time_of(self._world.tick)
+        stamp = self._stamp()
         fit = cache(self._world.rigid_fit)
         positions = cache(self._world.positions)
         if 'points' in outputs and self._points.get_subscription_count():

@@ -203,6 +203,44 @@ class World:
             batch.v[row] = np.array(config.initial_velocity_linear)[:, None] + spin
             self._wake(name)
 
+    def place(self, name: str, position: np.ndarray, rotation: np.ndarray) -> None:
+        """
+        Move a body as it is, deformed and in motion, to a pose of its own frame.
+
+        Parameters
+        ----------
+        name : str
+        position : (3,) float
+            m
+        rotation : (3, 3) float
+
+        """
+        batch, row = self._state(name)
+        fit = self.rigid_fit(name)
+        turn = (rotation @ fit.rotation.T).astype(batch.x.dtype)
+        offsets = batch.x[row] - fit.position[:, None]
+        batch.x[row] = turn @ offsets + position[:, None]
+        batch.v[row] = turn @ batch.v[row]
+        self._wake(name)
+
+    def set_twist(self, name: str, linear: np.ndarray, angular: np.ndarray) -> None:
+        """
+        Let a body move as if it were rigid; its shape stays.
+
+        Parameters
+        ----------
+        name : str
+        linear : (3,) float
+            velocity of the origin of its own frame, m/s
+        angular : (3,) float
+            rad/s, world axes
+
+        """
+        batch, row = self._state(name)
+        arms = batch.x[row] - self.rigid_fit(name).position[:, None]
+        batch.v[row] = linear[:, None] + np.cross(angular, arms, axisb=0, axisc=0)
+        self._wake(name)
+
     def snapshot(self) -> Snapshot:
         """Return a copy of the state."""
         return Snapshot(
