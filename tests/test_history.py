@@ -1,0 +1,313 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Going back in time: the same bits at the same ticks, with what had happened until then."""
+
+import dataclasses
+
+from core_helpers import bytes_of
+import numpy as np
+import pytest
+
+from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
+from softbody_ros.history import INTERVAL, MOST_ACTIONS, History
+from softbody_ros.stepping import MEBIBYTE, SLICE, Stepper
+
+START = 1_700_000_000_000_000_000
+SECOND = 1_000_000_000
+SECONDS = 3
+DENSE = round(INTERVAL * 240)
+
+
+def ball(name='ball', **values):
+    return BodyConfig(**{'name': name, 'subdivisions': 1, 'position': (0.0, 0.0, 0.8)} | values)
+
+
+EVERYTHING = WorldConfig(
+    bodies=(
+        ball('linear', mode='linear'),
+        ball('quadratic', bounciness=0.9),
+        ball('rigid', mode='rigid', initial_velocity_angular=(1.0, 2.0, 3.0)),
+        ball('regions', subdivisions=2, regions_count=8),
+        ball('dented', plasticity_creep=20.0, plasticity_yield=0.03),
+        ball('pinned', pins_indices=(0, 1), pins_velocity_linear=(0.1, 0.0, 0.0)),
+        ball('sleeper', stiffness=1.0, bounciness=0.0, position=(9.0, 0.0, 0.5)),
+        ball('box', mesh='box', position=(0.0, 5.0, 1.0), friction_model='coulomb'),
+    ),
+    obstacles=(
+        ObstacleConfig(name='ground'),
+        ObstacleConfig(name='slope', orientation=(0.0, 0.1, 0.0, 0.995), position=(2.0, 0.0, 0.0)),
+    ),
+)
+
+
+class Watch:
+    """Time that passes only when told."""
+
+    def __init__(self, per_look=0.0):
+        self.seconds, self.per_look = 0.0, per_look
+
+    def __call__(self):
+        self.seconds += self.per_look
+        return self.seconds
+
+
+def stepper_of(config=None, memory=1024.0, per_look=0.0):
+    world = World(config or WorldConfig(bodies=(ball(),)))
+    stepper = Stepper(world, {'points': 60.0}, Watch(per_look))
+    stepper.history.memory = memory * MEBIBYTE
+    list(stepper.advance(START, drop_overload=False))
+    return stepper
+
+
+def go_to(stepper, seconds):
+    """Let the clock show a time, backwards or forwards, and wait for the world."""
+    now = START + round(seconds * SECOND)
+    stepper.rewind(now)
+    shown = []
+    for _ in range(100_000):
+        shown += [(stepper.world.tick, due) for due in stepper.advance(now, drop_overload=False)]
+        if stepper.lag(now) < stepper.world.config.time_step and not stepper.replaying:
+            return shown
+    raise AssertionError('the world does not arrive')
+
+
+def state(stepper):
+    world = stepper.world
+    strains = [world.permanent_strain(name) for name in world.names]
+    asleep = [world.is_asleep(name) for name in world.names]
+    obstacles = [item.position.tobytes() + item.rotation.tobytes() for item in world.obstacles]
+    return bytes_of(world), strains, asleep, obstacles
+
+
+@pytest.fixture(scope='module')
+def states():
+    """Return the state at each tick of a world that is simulated straight through."""
+    stepper, log = stepper_of(EVERYTHING), []
+    for _ in range(SECONDS * 240 + 1):
+        log.append(state(stepper))
+        stepper.world.step()
+    assert any(asleep for _, _, asleep, _ in log for asleep in asleep)
+    assert max(max(strains) for _, strains, _, _ in log) > 0.0
+    return log
+
+
+def test_moving_obstacles_go_back_too():
+    turning = ObstacleConfig(
+        name='table', type='box', position=(0.0, 0.0, -0.2), velocity_angular=(0.0, 0.0, 2.0),
+        velocity_linear=(0.0, 0.1, 0.05),
+    )  # fmt: skip
+    stepper = stepper_of(WorldConfig(bodies=(ball(),), obstacles=(turning,)))
+    log = {}
+    for tick in (100, 333, 480):
+        go_to(stepper, tick / 240)
+        log[tick] = state(stepper)
+    for tick in (333, 100, 480):
+        go_to(stepper, tick / 240)
+        assert state(stepper) == log[tick]
+
+
+@pytest.mark.parametrize('memory', [1024.0, 1.0, 0.0])
+def test_every_tick_has_the_same_bits_however_the_clock_gets_there(states, memory):
+    stepper = stepper_of(EVERYTHING, memory)
+    random = np.random.default_rng(1)
+    for _ in range(16 if memory else 3):
+        go_to(stepper, random.uniform(0, SECONDS))
+        assert state(stepper) == states[stepper.world.tick], stepper.world.tick
+
+
+def test_a_jump_back_costs_at_most_one_interval_while_the_past_is_dense():
+    stepper = stepper_of()
+    go_to(stepper, 6.0)
+    for seconds in (5.9, 5.26, 3.1, 3.0, 0.2):
+        stepper.rewind(START + round(seconds * SECOND))
+        target = int(seconds * 240 + 1e-6)
+        assert target - DENSE < stepper.world.tick <= target
+        go_to(stepper, seconds)
+
+
+def test_memory_stays_in_its_bounds_and_the_past_thins_out_with_age():
+    stepper = stepper_of(memory=0.1)
+    go_to(stepper, 60.0)
+    history = stepper.history
+    assert history.nbytes <= 0.1 * MEBIBYTE
+    ticks = np.array(history.ticks)
+    assert ticks[0] == 0
+    gaps = np.diff(ticks)
+    assert gaps[-1] == DENSE
+    assert gaps[: len(gaps) // 2].mean() > 3 * gaps[len(gaps) // 2 :].mean()
+    go_to(stepper, 30.0)
+    assert stepper.history.ticks[-1] <= 30 * 240
+
+
+def test_without_memory_only_the_beginning_is_kept():
+    stepper = stepper_of(memory=0.0)
+    go_to(stepper, 2.0)
+    assert stepper.history.ticks == [0]
+
+
+def test_only_the_state_that_is_arrived_at_is_shown():
+    stepper = stepper_of()
+    go_to(stepper, 2.0)
+    assert go_to(stepper, 1.1) == [(264, {'points'})]
+
+
+def test_a_long_way_back_is_gone_in_slices_that_show_progress():
+    stepper = stepper_of(memory=0.0, per_look=SLICE / 30)
+    go_to(stepper, 3.0)
+    shown = [tick for tick, _ in go_to(stepper, 2.0)]
+    assert shown == sorted(shown)
+    assert len(shown) > 4
+    assert shown[-1] == 480
+
+
+# -------------------------------------------------------------------------- what acts on the world
+def softened(world):
+    body = dataclasses.replace(world.config.bodies[0], stiffness=0.1)
+    return dataclasses.replace(world.config, bodies=(body,))
+
+
+def pushed(**velocity):
+    return WorldConfig(bodies=(ball(**velocity),))
+
+
+def test_what_had_happened_until_then_happens_again():
+    stepper = stepper_of(pushed(initial_velocity_linear=(0.3, 0.0, 1.0)))
+    log = {}
+    for seconds, act in (
+        (0.5, lambda: stepper.configure(softened(stepper.world))),
+        (0.55, lambda: stepper.act(World.apply_initial_velocity)),
+        (0.6, lambda: None),
+        (1.2, lambda: None),
+    ):
+        go_to(stepper, seconds)
+        log[seconds] = state(stepper)
+        act()
+    for seconds in (0.6, 1.2, 0.55, 0.5):
+        if seconds == 1.2:  # nothing has acted between
+            go_to(stepper, seconds)
+            assert state(stepper) == log[seconds]
+    for seconds in (1.2, 0.6, 0.55, 0.5):
+        go_to(stepper, seconds)
+        assert state(stepper) == log[seconds], seconds
+
+
+def test_what_had_happened_later_is_undone_but_present_parameters_hold():
+    stepper = stepper_of(pushed(initial_velocity_linear=(0.0, 0.0, 2.0)))
+    go_to(stepper, 1.0)
+    stepper.act(World.apply_initial_velocity)
+    stepper.configure(softened(stepper.world))
+    go_to(stepper, 0.4)
+    assert stepper.world.config.bodies[0].stiffness == 0.1
+
+    fresh = World(pushed(initial_velocity_linear=(0.0, 0.0, 2.0)))
+    fresh.step(96)
+    assert bytes_of(stepper.world) == bytes_of(fresh)
+    fresh.configure(softened(fresh))
+    fresh.step(240)
+    go_to(stepper, 1.4)
+    assert bytes_of(stepper.world) == bytes_of(fresh)
+
+
+def test_what_is_asked_for_on_the_way_back_waits_for_the_arrival():
+    stepper = stepper_of(pushed(initial_velocity_linear=(0.0, 0.0, 3.0)), 0.0, SLICE / 10)
+    go_to(stepper, 1.0)
+    now = START + SECOND // 2
+    stepper.rewind(now)
+    list(stepper.advance(now, drop_overload=False))
+    assert stepper.replaying
+    stepper.configure(softened(stepper.world))
+    stepper.act(World.apply_initial_velocity)
+    assert stepper.world.config.bodies[0].stiffness == 0.5
+    go_to(stepper, 0.5)
+
+    fresh = World(pushed(initial_velocity_linear=(0.0, 0.0, 3.0)))
+    fresh.step(120)
+    fresh.configure(softened(fresh))
+    fresh.apply_initial_velocity()
+    assert bytes_of(stepper.world) == bytes_of(fresh)
+
+
+def test_two_jumps_in_a_row_lead_to_the_last_one(states):
+    stepper = stepper_of(EVERYTHING, 0.0, SLICE / 10)
+    go_to(stepper, 1.0)
+    for seconds in (0.8, 0.3):
+        now = START + round(seconds * SECOND)
+        stepper.rewind(now)
+        list(stepper.advance(now, drop_overload=False))
+    assert stepper.replaying
+    go_to(stepper, 0.3)
+    assert state(stepper) == states[72]
+
+
+def test_a_reset_is_a_new_beginning():
+    stepper = stepper_of()
+    go_to(stepper, 1.0)
+    stepper.configure(softened(stepper.world))
+    stepper.reset(START + SECOND)
+    assert stepper.history.ticks == [0]
+    fresh = World(softened(stepper.world))
+    assert bytes_of(stepper.world) == bytes_of(fresh)
+    go_to(stepper, 2.0)
+    go_to(stepper, 0.5)  # before the new beginning
+    assert bytes_of(stepper.world) == bytes_of(fresh)
+    fresh.step(120)
+    go_to(stepper, 1.5)
+    assert bytes_of(stepper.world) == bytes_of(fresh)
+
+
+def test_a_reset_on_the_way_back_ends_the_way():
+    stepper = stepper_of(memory=0.0, per_look=SLICE / 10)
+    go_to(stepper, 1.0)
+    now = START + SECOND // 2
+    stepper.rewind(now)
+    list(stepper.advance(now, drop_overload=False))
+    stepper.reset(now)
+    assert (stepper.world.tick, stepper.replaying) == (0, False)
+
+
+# ------------------------------------------------------------------------------ the time of a tick
+def test_a_pause_is_part_of_the_past():
+    stepper = stepper_of()
+    go_to(stepper, 1.0)
+    stepper.pause(True, START + SECOND)
+    stepper.pause(False, START + 3 * SECOND)
+    go_to(stepper, 4.0)
+    assert stepper.world.tick == 480
+    for seconds, tick in ((3.5, 360), (2.0, 240), (0.5, 120)):
+        go_to(stepper, seconds)
+        assert stepper.world.tick == tick
+
+
+def test_another_speed_is_part_of_the_past():
+    stepper = stepper_of()
+    go_to(stepper, 1.0)
+    stepper.set_time_scale(0.5, START + SECOND)
+    go_to(stepper, 3.0)
+    assert stepper.world.tick == 480
+    for seconds, tick in ((2.0, 360), (0.5, 120)):
+        go_to(stepper, seconds)
+        assert stepper.world.tick == tick
+    go_to(stepper, 1.5)  # the present speed holds from the jump on
+    assert stepper.world.tick == 240
+
+
+def test_while_paused_a_clock_that_goes_back_moves_nothing():
+    stepper = stepper_of()
+    go_to(stepper, 1.0)
+    stepper.pause(True, START + SECOND)
+    before = state(stepper)
+    now = START + SECOND // 2
+    stepper.rewind(now)
+    assert list(stepper.advance(now, drop_overload=False))
+    assert state(stepper) == before
+    stepper.pause(False, now)
+    go_to(stepper, 0.75)
+    assert stepper.world.tick == 300
+
+
+def test_too_many_actions_forget_the_oldest():
+    world = World(WorldConfig(bodies=(ball(),)))
+    history = History(world, MEBIBYTE)
+    for tick in range(MOST_ACTIONS + 10):
+        history.note(tick, lambda world: None)
+    assert len(history.go_back(world, MOST_ACTIONS + 10)) == MOST_ACTIONS
