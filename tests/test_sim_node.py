@@ -16,9 +16,10 @@ from shape_msgs.msg import Mesh
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
-from softbody_ros import parameters
+from softbody_ros import parameters, standard_server
 from softbody_ros.core import World
 from softbody_ros.messages import POINT_TYPE, points_array
+from softbody_ros.standard_services import FEATURES
 
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
@@ -473,6 +474,18 @@ def test_clock_source_can_be_switched_at_run_time(graph):
 
 
 # ------------------------------------------------------------------------------------------- graph
+def test_standard_services_are_offered_where_their_package_is_installed(graph):
+    graph.sim_node(**SMALL)
+
+    def names():
+        return {name for name, _ in graph.node.get_service_names_and_types()}
+
+    graph.spin_until(lambda: f'{SIM}/step' in names())  # it is created just before them
+    services = names()
+    offered = {name for name in FEATURES if f'{SIM}/{name}' in services}
+    assert offered == (set(FEATURES) if standard_server.interfaces() else set())
+
+
 def test_two_nodes_in_two_namespaces_do_not_meet(graph):
     left = graph.sim_node(namespace='/left', **SMALL)
     right = graph.sim_node(namespace='/right', **SMALL, ball__position=[0.0, 0.0, 9.0])
