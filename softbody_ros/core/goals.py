@@ -19,6 +19,7 @@ from softbody_ros.core import matching, plasticity, regions
 from softbody_ros.core.pins import Pins
 from softbody_ros.core.regions import RegionMatch, Regions
 from softbody_ros.core.rest_shape import LINEAR
+from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import Particles, SimulationError, Tick
 
 LARGEST_MOMENT = 1e100
@@ -58,7 +59,7 @@ def find(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> Match:
     x, before = particles.x, particles.plastic
     plastic = intact(len(x), tick.regions) if before is None else before.copy()
     match = Match(
-        (x @ tick.rest.weights).astype(np.float64),
+        weighted(x, tick.rest.weights),
         np.empty((2, *x.shape), x.dtype),
         np.zeros(len(x)),
         plastic,

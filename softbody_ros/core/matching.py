@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
-from softbody_ros.core.rigid_motion import sums
+from softbody_ros.core.sums import sums
 
 LEAST_ROUNDNESS = 0.3, 0.15
 """2 det A / |A|² at which a body begins to be too flat for a goal to follow, and where it is."""

@@ -26,6 +26,7 @@ from softbody_ros.core import rigid_motion
 from softbody_ros.core.config import BodyConfig, ConfigError
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RANK_CUT, RestShape, make_rest_shape, pseudo_inverse
+from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import Particles, Tick
 
 COUPLING = 100.0
@@ -173,15 +174,15 @@ def _hold_rigid(
     x, v, rest = particles.x[row], particles.v[row], tick.rest
     # half of the impulse where the tick begins, the rest where it ends: a pendulum swings on
     start = particles.start[row]
-    centre = (start @ rest.weights).astype(np.float64)
+    centre = weighted(start, rest.weights)
     push, spin = _least_motion(start, centre, velocity - v[:, pin.particle], pin, rest)
     v += 0.5 * (push[:, None] + np.cross(spin, start - centre[:, None], axisb=0, axisc=0))
     for _ in range(RIGID_ROUNDS):
-        centre = (x @ rest.weights).astype(np.float64)
+        centre = weighted(x, rest.weights)
         move, turn = _least_motion(x, centre, place - x[:, pin.particle], pin, rest)
         offsets = Rotation.from_rotvec(turn).as_matrix() @ (x - centre[:, None])
         x[:] = offsets + (centre + move)[:, None]
-    centre = (x @ rest.weights).astype(np.float64)
+    centre = weighted(x, rest.weights)
     push, spin = _least_motion(x, centre, velocity - v[:, pin.particle], pin, rest)
     v += push[:, None] + np.cross(spin, x - centre[:, None], axisb=0, axisc=0)
 

@@ -10,6 +10,7 @@ from itertools import permutations
 import numpy as np
 
 from softbody_ros.core.mesh import MeshError, Surface
+from softbody_ros.core.sums import sums, weighted
 
 LINEAR, QUADRATIC = 3, 9
 """Number of features that a linear and a quadratic goal combine."""
@@ -95,17 +96,17 @@ def make_rest_shape(
 
     """
     area_weights = _area_weights(surface)
-    spread = surface.vertices - area_weights @ surface.vertices
-    scale = float(np.sqrt(area_weights @ np.einsum('ij,ij->i', spread, spread)))
+    spread = surface.vertices - weighted(surface.vertices.T, area_weights)
+    scale = float(np.sqrt(weighted(np.einsum('ij,ij->i', spread, spread)[None], area_weights)[0]))
     weights = area_weights if weights is None else weights
-    centre = weights @ surface.vertices
+    centre = weighted(surface.vertices.T, weights)
     offsets = surface.vertices - centre
     if not scale > 0.0:
         raise MeshError('all vertices of the surface coincide: a body needs some extent')
     x, y, z = offsets.T / scale
     features = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
-    features[1:] -= (features[1:] @ weights)[:, None]
-    gram = (features[1:] * weights) @ features[1:].T
+    features[1:] -= weighted(features[1:], weights)[:, None]
+    gram = sums(features[1:] * weights, features[1:])
     inverse_linear, unspanned_linear = pseudo_inverse(gram[:LINEAR, :LINEAR])
     inverse_quadratic, unspanned_quadratic = pseudo_inverse(gram)
     return RestShape(

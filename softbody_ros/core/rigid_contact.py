@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from softbody_ros.core import rigid_motion
 from softbody_ros.core.contact import Contacts, find, joined
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import Particles, Tick
 
 PUSH_OUT_ROUNDS = 3
@@ -54,7 +55,7 @@ def meet(particles: Particles, obstacles: Sequence[Obstacle], tick: Tick) -> Non
 def collide(particles: Particles, body: int, contacts: Contacts, tick: Tick) -> None:
     """Give a rigid body the impulses that keep its touching particles out, in place."""
     x, v = particles.x[body], particles.v[body]
-    centre = (x @ tick.rest.weights).astype(np.float64)
+    centre = weighted(x, tick.rest.weights)
     rigid = rigid_motion.rigid_motion(x[None], v[None], centre[None], tick.rest)
     mobility = np.eye(6)
     mobility[3:, 3:] = rigid.inverse_inertia[0]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.core.rest_shape import RestShape
+from softbody_ros.core.sums import sums, weighted
 
 INERTIA_CUT = 1e-12
 """Principal inertias below this fraction of the largest count as zero."""
@@ -53,17 +54,16 @@ def momentum(
     """Return (B, 3): Σ w v, m/s, and (B, 3): Σ w (x − centre) × v, m²/s."""
     arms = x - centre.astype(x.dtype)[..., None]
     arms *= rest.weights
-    return v @ rest.weights, _spin(sums(arms, v))
+    return weighted(v, rest.weights), _spin(sums(arms, v))
 
 
 def rigid_motion(x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape) -> RigidMotion:
     """Return the rigid part of a motion about given centres of mass (B, 3)."""
     arms = x - centre.astype(x.dtype)[..., None]
-    weighted = arms * rest.weights
-    spin = _spin(sums(weighted, v))
-    return RigidMotion(
-        centre, v @ rest.weights, spin, _inverse_inertia(_inertia(sums(weighted, arms)), rest)
-    )
+    heavy_arms = arms * rest.weights
+    spin = _spin(sums(heavy_arms, v))
+    inverse_inertia = _inverse_inertia(_inertia(sums(heavy_arms, arms)), rest)
+    return RigidMotion(centre, weighted(v, rest.weights), spin, inverse_inertia)
 
 
 def inertia(x: np.ndarray, centre: np.ndarray, rest: RestShape) -> np.ndarray:
@@ -108,28 +108,6 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the vector products (k, 3); several times faster than `numpy.cross` for few rows."""
     forwards, backwards = [1, 2, 0], [2, 0, 1]
     return a[:, forwards] * b[:, backwards] - a[:, backwards] * b[:, forwards]
-
-
-def sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """
-    Return Σ aᵢ bⱼ over the particles: a product of very flat matrices.
-
-    As one product of a matrix with a vector for each row of `a`, which takes half the time of a
-    product of two matrices.
-
-    Parameters
-    ----------
-    a : (B, i, n) float
-    b : (B, j, n) or (j, n) float
-
-    Returns
-    -------
-    (B, i, j) float64
-
-    """
-    right = b.swapaxes(-1, -2)
-    right = right[:, None] if b.ndim == 3 else right
-    return np.matmul(a[:, :, None, :], right)[:, :, 0].astype(np.float64, copy=False)
 
 
 def _inertia(gram: np.ndarray) -> np.ndarray:

@@ -28,6 +28,7 @@ from softbody_ros.core.pins import Pins, make_pins, pinned_particles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 from softbody_ros.core.sleep import Stillness
+from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import SimulationError
 
 
@@ -197,7 +198,7 @@ class World:
         for name in self._place:
             batch, row = self._state(name)
             config = self.body_config(name)
-            centre = batch.x[row] @ batch.rest.weights
+            centre = weighted(batch.x[row], batch.rest.weights)
             arms = batch.x[row] - centre[:, None]
             spin = np.cross(config.initial_velocity_angular, arms, axisb=0, axisc=0)
             batch.v[row] = np.array(config.initial_velocity_linear)[:, None] + spin
