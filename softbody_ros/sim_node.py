@@ -71,6 +71,7 @@ class SimNode(Node):
         self._stepper.history.memory = self._history_bytes()
         self._failure = ''
         self._jumped_back = self._clock_changed = False
+        self._first_clock = 0
         self._publish_seconds = 0.0
 
         self._declare_parameters()
@@ -224,7 +225,9 @@ class SimNode(Node):
         self.create_timer(period, self._drive, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
         threshold = JumpThreshold(
-            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
+            min_forward=Duration(nanoseconds=1),
+            min_backward=Duration(nanoseconds=-1),
+            on_clock_change=True,
         )
         # C keeps only a pointer to the handle
         self._jump_handle = self.get_clock().create_jump_callback(
@@ -238,8 +241,12 @@ class SimNode(Node):
             ClockChange.ROS_TIME_DEACTIVATED,
         ):
             self._clock_changed = True
-        else:
+        elif jump.delta.nanoseconds < 0:
             self._jumped_back = True
+        elif not self._first_clock:
+            # the first step of /clock is the one from 0: it begins the simulation, however late
+            # the timer comes to see it
+            self._first_clock = jump.delta.nanoseconds
 
     def _now(self) -> int:
         return self.get_clock().now().nanoseconds
@@ -259,6 +266,8 @@ class SimNode(Node):
         if self._waits_for_clock():
             return
         now, follows_clock = self._now(), self._follows_clock()
+        if follows_clock and self._first_clock and not self._stepper.started:
+            self._stepper.reanchor(min(self._first_clock, now))
         if self._clock_changed:
             self._stepper.switch_clock(now)
         elif self._jumped_back and follows_clock:
