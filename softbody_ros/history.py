@@ -68,6 +68,11 @@ class History:
         self._notes: deque[Note] = deque(maxlen=MOST_ACTIONS)
 
     @property
+    def beginning(self) -> Page:
+        """The state that everything began with."""
+        return self._pages[0]
+
+    @property
     def ticks(self) -> list[int]:
         """Ticks of the snapshots, in order."""
         return [page.tick for page in self._pages]

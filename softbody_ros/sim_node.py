@@ -17,6 +17,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
@@ -27,6 +28,7 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_srvs.srv import SetBool, Trigger
@@ -72,6 +74,8 @@ class SimNode(Node):
         self._failure = ''
         self._jumped_back = self._clock_changed = False
         self._first_clock = 0
+        self._paused_before_failure = False
+        self._after_slice: Future | None = None
         self._publish_seconds = 0.0
 
         self._declare_parameters()
@@ -165,9 +169,11 @@ class SimNode(Node):
         self.create_service(Trigger, '~/reset', self._reset)
         self.create_service(Trigger, '~/apply_initial_velocity', self._apply_initial_velocity)
         self.create_service(SetBool, '~/pause', self._pause)
-        self.create_service(Trigger, '~/step', self._step)
+        # it waits for steps that the timer takes: in the timer's group it would keep it from them
+        waits = ReentrantCallbackGroup()
+        self.create_service(Trigger, '~/step', self._step, callback_group=waits)
         simulation = Simulation(self._stepper, self._paused, self._restarted)
-        standard_server.offer(self, simulation, self._frame_id, self._stamp)
+        standard_server.offer(self, simulation, self._frame_id, self._stamp, self._steps_taken)
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._restarted()
@@ -175,11 +181,11 @@ class SimNode(Node):
         return response
 
     def _restarted(self) -> None:
-        """Put the bodies back to their start; a failed simulation goes on."""
+        """Put the bodies back to their start; what a failure has paused goes on."""
         self._stepper.reset(self._now())
         if self._failure:
             self._failure = ''
-            self._stepper.pause(False, self._now())
+            self._stepper.pause(self._paused_before_failure, self._now())
 
     def _apply_initial_velocity(
         self, _: Trigger.Request, response: Trigger.Response
@@ -203,18 +209,23 @@ class SimNode(Node):
         self._stepper.pause(paused, self._now())
         return ''
 
-    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._stepper.paused:
             response.success = False
             response.message = 'the simulation is running: call ~/pause with data true first'
             return response
-        try:
-            self._stepper.single_step(self._scene.node.step_count, self._now())
-        except SimulationError as error:
-            self._stop(error)
-        response.success = not self._failure
-        response.message = self._failure or f'now at tick {self._world.tick}'
+        self._stepper.single_step(self._scene.node.step_count)
+        failure = await self._steps_taken()
+        response.success = not failure
+        response.message = failure or f'now at tick {self._world.tick}'
         return response
+
+    async def _steps_taken(self) -> str:
+        """Wait until the steps that have been asked for are taken; return why they are not."""
+        while self._stepper.stepping:
+            self._after_slice = self._after_slice or Future(executor=self.executor)
+            await self._after_slice
+        return self._failure
 
     # -------------------------------------------------------------------------------------- time
     def _start_clocks(self) -> None:
@@ -263,6 +274,8 @@ class SimNode(Node):
         return self._follows_clock() and self._now() == 0
 
     def _drive(self) -> None:
+        if self._stepper.stepping:
+            self._take_steps()
         if self._waits_for_clock():
             return
         now, follows_clock = self._now(), self._follows_clock()
@@ -284,9 +297,20 @@ class SimNode(Node):
         except SimulationError as error:
             self._stop(error)
 
+    def _take_steps(self) -> None:
+        """Take a slice of the steps that services wait for."""
+        try:
+            self._stepper.take_steps(self._now())
+        except SimulationError as error:
+            self._stop(error)
+        waiting, self._after_slice = self._after_slice, None
+        if waiting is not None:
+            waiting.set_result(None)
+
     def _stop(self, error: SimulationError) -> None:
         """Keep the last good state, say why, and wait for ~/reset."""
         self._failure = str(error)
+        self._paused_before_failure = self._stepper.paused
         self.get_logger().error(f'{error}; call ~/reset to go on')
         self._stepper.pause(True, self._now())
 

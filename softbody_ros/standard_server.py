@@ -8,16 +8,18 @@ Offered where that package is importable; it is part of ROS Jazzy but not on PyP
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 import importlib
-import types
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.type_support import check_for_type_support
 
 from softbody_ros import messages
 from softbody_ros.standard_services import (
     FEATURES,
+    OK,
     OPERATION_FAILED,
     Outcome,
     Simulation,
@@ -27,16 +29,31 @@ from softbody_ros.standard_services import (
 PACKAGE = 'simulation_interfaces.srv'
 
 
-def interfaces() -> types.ModuleType | None:
-    """Return the package's services, or None where it is not installed."""
+def interfaces(node: Node) -> dict[str, type]:
+    """Return the package's services that are offered, by name; none where it is not usable."""
     try:
-        return importlib.import_module(PACKAGE)
+        module = importlib.import_module(PACKAGE)
+        kinds = {
+            name: getattr(module, ''.join(word.capitalize() for word in name.split('_')))
+            for name in FEATURES
+        }
+        for kind in kinds.values():
+            check_for_type_support(kind)
     except ImportError:
-        return None
+        node.get_logger().debug('simulation_interfaces is not installed: no such services')
+        return {}
+    except Exception as error:  # a broken installation raises what it likes
+        node.get_logger().warning(f'simulation_interfaces cannot be used and is left out: {error}')
+        return {}
+    return kinds
 
 
 def offer(
-    node: Node, simulation: Simulation, frame_id: str, stamp: Callable[[], int]
+    node: Node,
+    simulation: Simulation,
+    frame_id: str,
+    stamp: Callable[[], int],
+    steps_taken: Callable[[], Awaitable[str]],
 ) -> list[str]:
     """
     Create the services on a node, where the package is installed.
@@ -49,6 +66,8 @@ def offer(
         the frame of all poses and twists
     stamp : callable
         the clock's time of the present state, ns
+    steps_taken : callable
+        waits until the steps that have been asked for are taken; returns what went wrong, or ''
 
     Returns
     -------
@@ -56,17 +75,16 @@ def offer(
         names of the services, none without the package
 
     """
-    srv = interfaces()
-    if srv is None:
-        node.get_logger().debug(
-            'simulation_interfaces is not installed: its services are left out'
-        )
-        return []
-    server = _Server(simulation, frame_id, node.get_clock, stamp)
-    for name in FEATURES:
-        kind = getattr(srv, ''.join(word.capitalize() for word in name.split('_')))
-        node.create_service(kind, f'~/{name}', getattr(server, name))
-    return list(FEATURES)
+    kinds = interfaces(node)
+    server = _Server(simulation, frame_id, stamp, steps_taken)
+    for name, kind in kinds.items():
+        if name == 'step_simulation':
+            # it waits for the timer, which must not wait for it
+            waits = ReentrantCallbackGroup()
+            node.create_service(kind, f'~/{name}', server.step_simulation, callback_group=waits)
+        else:
+            node.create_service(kind, f'~/{name}', server.answer(name))
+    return list(kinds)
 
 
 class _Server:
@@ -76,12 +94,32 @@ class _Server:
         self,
         simulation: Simulation,
         frame_id: str,
-        clock: Callable[[], Any],
         stamp: Callable[[], int],
+        steps_taken: Callable[[], Awaitable[str]],
     ) -> None:
         self._simulation = simulation
         self._frame_id = frame_id
-        self._clock, self._stamp = clock, stamp
+        self._stamp, self._steps_taken = stamp, steps_taken
+
+    def answer(self, name: str) -> Callable[[Any, Any], Any]:
+        """Return the handler of a service: a client that gets no answer would wait for ever."""
+        handler = getattr(self, name)
+
+        def answered(request: Any, response: Any) -> Any:
+            try:
+                return handler(request, response)
+            except Exception as error:
+                reason = f'{name} failed: {type(error).__name__}: {error}'
+                return _with(response, Outcome(OPERATION_FAILED, reason))
+
+        return answered
+
+    async def step_simulation(self, request: Any, response: Any) -> Any:
+        outcome = self._simulation.step(request.steps)
+        if outcome.code == OK:
+            failure = await self._steps_taken()
+            outcome = Outcome(OPERATION_FAILED, failure) if failure else outcome
+        return _with(response, outcome)
 
     def get_simulator_features(self, _: Any, response: Any) -> Any:
         response.features.features = features(FEATURES)
@@ -97,10 +135,6 @@ class _Server:
 
     def set_simulation_state(self, request: Any, response: Any) -> Any:
         return _with(response, self._simulation.set_state(request.state.state))
-
-    def step_simulation(self, request: Any, response: Any) -> Any:
-        now = self._clock().now().nanoseconds
-        return _with(response, self._simulation.step(request.steps, now))
 
     def get_entities(self, request: Any, response: Any) -> Any:
         filters = request.filters
@@ -126,13 +160,14 @@ class _Server:
             reason = f'frame_id is {frame_id!r}: poses and twists are given in {self._frame_id!r}'
             return _with(response, Outcome(OPERATION_FAILED, reason))
         pose = twist = None
-        if request.set_pose:
+        # versions before 2 always set both
+        if getattr(request, 'set_pose', True):
             position, orientation = state.pose.position, state.pose.orientation
             pose = (
                 (position.x, position.y, position.z),
                 (orientation.x, orientation.y, orientation.z, orientation.w),
             )
-        if request.set_twist:
+        if getattr(request, 'set_twist', True):
             linear, angular = state.twist.linear, state.twist.angular
             twist = (linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z)
         return _with(response, self._simulation.set_entity_state(request.entity, pose, twist))

@@ -18,9 +18,11 @@ import re
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+import trimesh
 
-from softbody_ros.core import RigidFit, SimulationError, World
+from softbody_ros.core import RigidFit, World
 from softbody_ros.core.config import LARGEST
+from softbody_ros.history import Page
 from softbody_ros.stepping import Stepper
 
 # Result
@@ -45,6 +47,10 @@ FEATURES = {
     'step_simulation': (31, 32),  # STEP_SIMULATION_SINGLE, STEP_SIMULATION_MULTIPLE
 }
 """What a service that is registered lets the simulator advertise (SimulatorFeatures)."""
+POSIX_CLASSES = {
+    'alpha': 'a-zA-Z', 'digit': '0-9', 'alnum': 'a-zA-Z0-9', 'upper': 'A-Z', 'lower': 'a-z',
+    'space': r'\s', 'blank': r' \t', 'punct': '_', 'xdigit': '0-9A-Fa-f', 'word': r'\w',
+}  # fmt: skip
 MOST_STEPS = 1_000_000
 FASTEST = 1e4
 
@@ -79,7 +85,7 @@ class Simulation:
     ) -> None:
         self._stepper = stepper
         self._pause, self._reset = pause, reset
-        self._stopped = False
+        self._stopped: Page | None = None
 
     @property
     def world(self) -> World:
@@ -91,13 +97,13 @@ class Simulation:
     def state(self) -> int:
         """STOPPED, PLAYING or PAUSED."""
         if not self._stepper.paused:
-            self._stopped = False
             return PLAYING
-        return STOPPED if self._stopped and self.world.tick == 0 else PAUSED
+        begins = self._stopped is self._stepper.history.beginning and self.world.tick == 0
+        return STOPPED if begins else PAUSED
 
     def reset(self, scope: int) -> Outcome:
         """Put the bodies back to their start; time is the clock's, and nothing is ever spawned."""
-        if scope not in (SCOPE_DEFAULT, SCOPE_ALL) and not scope & SCOPE_STATE:
+        if scope not in (SCOPE_DEFAULT, SCOPE_STATE, SCOPE_ALL):
             return Outcome(
                 FEATURE_UNSUPPORTED,
                 f'scope {scope} cannot be reset: use SCOPE_STATE (2) or SCOPE_ALL (255)',
@@ -115,16 +121,16 @@ class Simulation:
             )
         if state == self.state:
             return Outcome(ALREADY_IN_TARGET_STATE, f'the simulation is {names[state]} already')
+        if state == STOPPED:
+            self._reset()
         failure = self._pause(state != PLAYING)
         if failure:
             return Outcome(STATE_TRANSITION_ERROR, failure)
-        if state == STOPPED:
-            self._reset()
-        self._stopped = state == STOPPED
+        self._stopped = self._stepper.history.beginning if state == STOPPED else None
         return Outcome()
 
-    def step(self, steps: int, now: int) -> Outcome:
-        """Advance by some ticks while paused."""
+    def step(self, steps: int) -> Outcome:
+        """Ask for some ticks while paused; the stepper takes them in slices."""
         if self.state != PAUSED:
             return Outcome(
                 OPERATION_FAILED, 'only a paused simulation can be stepped: set state PAUSED (2)'
@@ -133,10 +139,7 @@ class Simulation:
             return Outcome(
                 OPERATION_FAILED, f'steps is {steps}: it must be from 1 to {MOST_STEPS}'
             )
-        try:
-            self._stepper.single_step(steps, now)
-        except SimulationError as error:
-            return Outcome(OPERATION_FAILED, str(error))
+        self._stepper.single_step(steps)
         return Outcome()
 
     # --------------------------------------------------------------------------------- the bodies
@@ -154,7 +157,7 @@ class Simulation:
         Parameters
         ----------
         name_filter : str
-            regular expression
+            regular expression that the whole name has to match, as in Gazebo; empty for all
         categories, tags : int
             how many there are to filter by: not supported
         bounds : int
@@ -166,10 +169,13 @@ class Simulation:
         if categories or tags:
             return Outcome(FEATURE_UNSUPPORTED, 'bodies have no categories and no tags'), []
         try:
-            pattern = re.compile(name_filter)
-        except re.error as error:
-            return Outcome(OPERATION_FAILED, f'filter {name_filter!r} is no pattern: {error}'), []
-        names = [name for name in self.world.names if pattern.search(name)]
+            pattern = re.compile(_without_classes(name_filter))
+            names = [
+                name for name in self.world.names if not name_filter or pattern.fullmatch(name)
+            ]
+        except (re.error, OverflowError, RecursionError) as error:
+            shown = name_filter[:40]
+            return Outcome(OPERATION_FAILED, f'filter {shown!r} is no pattern: {error}'), []
         if bounds == UNBOUNDED:
             return Outcome(), names
         if bounds != SPHERE:
@@ -177,14 +183,23 @@ class Simulation:
                 FEATURE_UNSUPPORTED, f'bounds of type {bounds}: use TYPE_SPHERE (3)'
             ), []
         corners = list(points)
-        if len(corners) != 2 or not np.isfinite(corners).all():
-            return Outcome(OPERATION_FAILED, 'a sphere has two points: centre and radius'), []
+        if len(corners) != 2 or not np.isfinite([*corners[0], corners[1][0]]).all():
+            reason = 'a sphere has two points: its centre, and its radius as x, both finite'
+            return Outcome(OPERATION_FAILED, reason), []
         centre, radius = np.array(corners[0]), corners[1][0]
-        return Outcome(), [
-            name
-            for name in names
-            if np.linalg.norm(self.world.positions(name) - centre, axis=1).min() <= radius
-        ]
+        return Outcome(), [name for name in names if self._distance(name, centre) <= radius]
+
+    def _distance(self, name: str, point: np.ndarray) -> float:
+        """Return how far a point is from a body, m; 0 inside."""
+        vertices = self.world.positions(name)
+        faces = self.world.rest_shape(name).surface.faces
+        if not len(faces):
+            return float(np.linalg.norm(vertices - point, axis=1).min())
+        triangles = vertices[faces] - point
+        if _winding_number(triangles) > 0.5:
+            return 0.0
+        nearest = trimesh.triangles.closest_point(triangles, np.zeros((len(triangles), 3)))
+        return float(np.linalg.norm(nearest, axis=1).min())
 
     def entity_state(self, name: str) -> tuple[Outcome, RigidFit | None]:
         """Return the best-fit pose and twist of a body."""
@@ -238,3 +253,25 @@ class Simulation:
         return Outcome(
             NOT_FOUND, f'there is no entity {name!r}: known are {", ".join(self.world.names)}'
         )
+
+
+def _without_classes(pattern: str) -> str:
+    """Return a POSIX pattern in Python's words: they differ in the names of classes."""
+    for name, members in POSIX_CLASSES.items():
+        pattern = pattern.replace(f'[:{name}:]', members)
+    return pattern
+
+
+def _winding_number(triangles: np.ndarray) -> float:
+    """
+    Return how often triangles (m, 3, 3) go round the origin: 1 inside a closed surface.
+
+    A. van Oosterom, J. Strackee: The Solid Angle of a Plane Triangle, IEEE Trans. BME 1983.
+    """
+    a, b, c = triangles.transpose(1, 0, 2)
+    lengths = np.linalg.norm(triangles, axis=2)
+    volume = np.einsum('ij,ij->i', a, np.cross(b, c))
+    flat = lengths.prod(axis=1)
+    for first, second, other in ((a, b, 2), (b, c, 0), (c, a, 1)):
+        flat = flat + np.einsum('ij,ij->i', first, second) * lengths[:, other]
+    return float(np.arctan2(volume, flat).sum() / (2.0 * np.pi))

@@ -92,6 +92,7 @@ class Stepper:
         self._stopwatch = stopwatch
         self._segments: list[Segment] = []
         self._publish_now = True
+        self._steps_left = 0
         # on the way back to a tick that has been: what acts again, and what has to wait until then
         self._replay: deque[Note] = deque()
         self._replay_end = 0
@@ -185,7 +186,7 @@ class Stepper:
     def pause(self, paused: bool, now: int) -> None:
         """Stop, or go on from the current tick."""
         if paused != self.paused:
-            self.paused = paused
+            self.paused, self._steps_left = paused, 0
             self._reanchor_if_started(now)
             self.publish_now()
 
@@ -193,18 +194,38 @@ class Stepper:
         if self.started:
             self.reanchor(now)
 
-    def single_step(self, ticks: int, now: int) -> None:
-        """Advance while paused; the tick reached is now."""
-        while self.replaying:
+    def single_step(self, ticks: int) -> None:
+        """Ask for ticks while paused: `take_steps` takes them, in slices."""
+        self._steps_left = ticks
+
+    @property
+    def stepping(self) -> bool:
+        """Whether ticks that have been asked for are still to be taken."""
+        return self._steps_left > 0
+
+    def take_steps(self, now: int) -> None:
+        """
+        Take ticks that have been asked for, one slice of work at most; the tick reached is now.
+
+        Raises
+        ------
+        SimulationError
+            if a tick cannot be computed; no more are taken then.
+
+        """
+        begin = self._stopwatch()
+        steps, self._steps_left = self._steps_left, 0
+        while steps and self._stopwatch() - begin < SLICE:
+            steps -= not self.replaying
             self._timed_step()
-        for _ in range(ticks):
-            self._timed_step()
+        self._steps_left = steps
         self._reanchor_if_started(now)
         self.publish_now()
 
     def reset(self, now: int) -> None:
         """Return to the initial state: tick 0 is now, and there is no past."""
         self._replay, self._replay_end, self._waiting = deque(), 0, []
+        self._steps_left = 0
         self.world.configure(self._config)
         self.world.reset()
         self.history.begin(self.world)

@@ -127,9 +127,39 @@ def test_single_steps_reach_the_state_of_running_through():
     outputs(stepping, START)
     stepping.pause(True, START)
     for _ in range(10):
-        stepping.single_step(3, START)
+        stepping.single_step(3)
+        stepping.take_steps(START)
     assert stepping.world.tick == running.world.tick == 30
     assert state(stepping) == state(running)
+
+
+def test_many_steps_are_taken_in_slices():
+    stepper = make_stepper(per_look=SLICE / 10)
+    outputs(stepper, START)
+    stepper.pause(True, START)
+    stepper.single_step(100)
+    ticks = []
+    while stepper.stepping:
+        stepper.take_steps(START)
+        ticks.append(stepper.world.tick)
+    assert len(ticks) > 10
+    assert ticks[-1] == 100
+    assert outputs(stepper, START) == [(100, ['mesh', 'points'])]
+
+
+@pytest.mark.parametrize('end', ['pause', 'reset'])
+def test_steps_end_when_the_simulation_goes_on_or_begins_anew(end):
+    stepper = make_stepper(per_look=SLICE / 10)
+    outputs(stepper, START)
+    stepper.pause(True, START)
+    stepper.single_step(1000)
+    stepper.take_steps(START)
+    assert stepper.stepping
+    if end == 'pause':
+        stepper.pause(False, START)
+    else:
+        stepper.reset(START)
+    assert not stepper.stepping
 
 
 def test_reset_starts_again_at_tick_zero():

@@ -200,13 +200,13 @@ class World:
             config = self.body_config(name)
             centre = weighted(batch.x[row], batch.rest.weights)
             arms = batch.x[row] - centre[:, None]
-            spin = np.cross(config.initial_velocity_angular, arms, axisb=0, axisc=0)
-            batch.v[row] = np.array(config.initial_velocity_linear)[:, None] + spin
+            linear = np.array(config.initial_velocity_linear)
+            batch.v[row] = _twist(linear, np.array(config.initial_velocity_angular), arms)
             self._wake(name)
 
     def place(self, name: str, position: np.ndarray, rotation: np.ndarray) -> None:
         """
-        Move a body as it is, deformed and in motion, to a pose of its own frame.
+        Move a body as it is, deformed or not, to a pose of its own frame; its twist stays.
 
         Parameters
         ----------
@@ -218,10 +218,12 @@ class World:
         """
         batch, row = self._state(name)
         fit = self.rigid_fit(name)
-        turn = (rotation @ fit.rotation.T).astype(batch.x.dtype)
-        offsets = batch.x[row] - fit.position[:, None]
-        batch.x[row] = turn @ offsets + position[:, None]
-        batch.v[row] = turn @ batch.v[row]
+        turn = rotation @ fit.rotation.T
+        arms = batch.x[row] - fit.position[:, None]
+        deforming = batch.v[row] - _twist(fit.linear_velocity, fit.angular_velocity, arms)
+        arms = turn @ arms
+        batch.x[row] = arms + position[:, None]
+        batch.v[row] = turn @ deforming + _twist(fit.linear_velocity, fit.angular_velocity, arms)
         self._wake(name)
 
     def set_twist(self, name: str, linear: np.ndarray, angular: np.ndarray) -> None:
@@ -239,7 +241,7 @@ class World:
         """
         batch, row = self._state(name)
         arms = batch.x[row] - self.rigid_fit(name).position[:, None]
-        batch.v[row] = linear[:, None] + np.cross(angular, arms, axisb=0, axisc=0)
+        batch.v[row] = _twist(linear, angular, arms)
         self._wake(name)
 
     def snapshot(self) -> Snapshot:
@@ -437,6 +439,11 @@ def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
     """Return (3, n) float: the rest shape at the start pose, m."""
     rotation = Rotation.from_quat(body.orientation).as_matrix()
     return rotation @ rest.surface.vertices.T + np.array(body.position)[:, None]
+
+
+def _twist(linear: np.ndarray, angular: np.ndarray, arms: np.ndarray) -> np.ndarray:
+    """Return the velocities (3, n) of a rigid motion at arms (3, n) from a point that has it."""
+    return linear[:, None] + np.cross(angular, arms, axisb=0, axisc=0)
 
 
 def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
