@@ -198,6 +198,37 @@ def test_overload_on_wall_time_is_dropped_and_counted():
     assert stepper.busy > 0.0
 
 
+def test_after_an_overload_the_rate_recovers():
+    stepper = make_stepper(per_look=SLICE / 4)
+    outputs(stepper, START, drop_overload=True)
+    outputs(stepper, START + SECOND, drop_overload=True)
+    dropped, tick = stepper.dropped, stepper.world.tick
+    stepper._stopwatch.per_look = 0.0
+    for k in range(1, 241):
+        outputs(stepper, START + SECOND + k * SECOND // 240, drop_overload=True)
+    assert stepper.dropped == dropped
+    assert stepper.world.tick - tick >= 240
+
+
+@pytest.mark.parametrize('scale', [0.1, 1.0, 10.0])
+def test_wall_time_and_clock_give_the_same_bits_at_the_same_ticks(scale):
+    def run(drop_overload, times):
+        stepper, log = make_stepper(), {}
+        stepper.set_time_scale(scale, START)
+        for now in times:
+            for _ in stepper.advance(now, drop_overload):
+                log[stepper.world.tick] = state(stepper)
+        return log
+
+    end = START + round(SECOND / scale)
+    wall = run(True, range(START, end + 1, (end - START) // 480))
+    clock = run(False, np.linspace(START, end, 11).astype(np.int64).tolist())
+    common = wall.keys() & clock.keys()
+    assert len(common) > 5
+    assert max(common) >= 190
+    assert all(wall[tick] == clock[tick] for tick in common)
+
+
 def test_overload_on_clock_time_is_worked_off_in_slices_with_progress():
     stepper = make_stepper(per_look=SLICE / 20)
     outputs(stepper, START)
