@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
-from softbody_ros.core.sums import sums
+from softbody_ros.core.sums import mapped, sums
 
 LEAST_ROUNDNESS = 0.3, 0.15
 """2 det A / |A|² at which a body begins to be too flat for a goal to follow, and where it is."""
@@ -259,7 +259,7 @@ def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndar
     affine = np.empty((*transform.shape[:-1], 1 + transform.shape[-1]), rest.features.dtype)
     affine[..., 0] = centre
     affine[..., 1:] = rest.scale * transform
-    return np.matmul(affine, rest.features[: affine.shape[-1]])
+    return mapped(affine, rest.features[: affine.shape[-1]])
 
 
 def padded(transform: np.ndarray) -> np.ndarray:

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from softbody_ros.core import plasticity
 from softbody_ros.core.rest_shape import LINEAR, RestShape, pseudo_inverse
+from softbody_ros.core.sums import sums
 
 FLAT = 0.01
 """Squared extent, relative to the largest, below which a region has no stretch across itself."""
@@ -211,11 +212,10 @@ def match(
 
     """
     # a few times faster than a sparse matrix: products of a vector with a small dense matrix
-    members = x.take(regions.members.ravel(), axis=2).reshape(*x.shape[:2], regions.count, 1, -1)
-    sums = np.matmul(members, regions.gather.swapaxes(1, 2))[..., 0, :]
-    sums = sums.astype(np.float64, copy=False).swapaxes(1, 2)
-    moment = sums[..., 1:] / rest.scale
-    centre = sums[..., 0] / regions.mass[:, None]
+    members = x.take(regions.members.ravel(), axis=2).reshape(*x.shape[:2], regions.count, -1)
+    total = sums(members.swapaxes(1, 2), regions.gather)
+    moment = total[..., 1:] / rest.scale
+    centre = total[..., 0] / regions.mass[:, None]
     return RegionMatch(centre, moment, plasticity.undeformed(moment, stretch))
 
 

@@ -157,7 +157,7 @@ def _volume_form(surface: Surface, features: np.ndarray) -> np.ndarray:
         for start in range(0, len(surface.faces), FACE_BLOCK):
             a, b, c = (features[:, corner] for corner in surface.faces[start:][:FACE_BLOCK].T)
             products = (b[:, None] * c).reshape(QUADRATIC**2, -1)
-            moments += (a @ products.T).reshape(moments.shape)
+            moments += sums(a, products).reshape(moments.shape)
     form = _antisymmetric(moments)
     if not surface.closed or form[0, 1, 2] < RANK_CUT:
         moments[:] = 0.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.core.rest_shape import RestShape
-from softbody_ros.core.sums import sums, weighted
+from softbody_ros.core.sums import mapped, sums, weighted
 
 INERTIA_CUT = 1e-12
 """Principal inertias below this fraction of the largest count as zero."""
@@ -94,7 +94,7 @@ def field(
     cross = np.zeros((len(angular_velocity), 3, 3))
     cross[:, [2, 0, 1], [1, 2, 0]] = angular_velocity
     cross[:, [1, 2, 0], [2, 0, 1]] = -angular_velocity
-    result = np.matmul(cross.astype(x.dtype, copy=False), x)
+    result = mapped(cross.astype(x.dtype, copy=False), x)
     result += (velocity - applied(cross, centre)).astype(x.dtype)[..., None]
     return result
 
