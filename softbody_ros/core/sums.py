@@ -28,9 +28,15 @@ def sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     """
     block = max(BLOCK // b.shape[-2], 1)
-    whole = a.shape[-1] // block * block
-    total = _in_blocks(a[..., whole:], b[..., whole:], a.shape[-1] - whole)
-    return total + _in_blocks(a[..., :whole], b[..., :whole], block) if whole else total
+    count = a.shape[-1] // block
+    if not count:
+        return _sums(a, b)
+    whole = count * block
+    parts = a[..., :whole].reshape(*a.shape[:-1], count, block)
+    # (…, j, count, block) → (…, count, j, block), and the blocks of `a` come before its rows, too
+    others = b[..., :whole].reshape(*b.shape[:-1], count, block).swapaxes(-3, -2)
+    total = _sums(parts.swapaxes(-3, -2), others).sum(axis=-3)
+    return total + _sums(a[..., whole:], b[..., whole:]) if whole < a.shape[-1] else total
 
 
 def weighted(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -63,10 +69,8 @@ def mapped(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return result
 
 
-def _in_blocks(a: np.ndarray, b: np.ndarray, block: int) -> np.ndarray:
-    count = a.shape[-1] // block if block else 1
-    rows = a.reshape(*a.shape[:-1], count, 1, block)
-    # (…, j, n) → (…, 1, count, block, j)
-    columns = np.moveaxis(b.reshape(*b.shape[:-1], count, block), -3, -1)[..., None, :, :, :]
-    products = np.matmul(rows, columns)[..., 0, :]
-    return products.sum(axis=-2, dtype=np.float64)
+def _sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    columns = b.swapaxes(-1, -2)
+    if b.ndim > 2:
+        columns = columns[..., None, :, :]
+    return np.matmul(a[..., :, None, :], columns)[..., 0, :].astype(np.float64, copy=False)
