@@ -36,11 +36,11 @@ def test_a_body_left_alone_falls_asleep_and_does_not_move_any_more(mode):
 def test_sleepers_are_not_computed(monkeypatch):
     world = lying()
     computed = []
-    original = dynamics.step
-    monkeypatch.setattr(dynamics, 'step', lambda batch, *rest: computed.append(len(batch.x)))
+    original = dynamics.fly
+    monkeypatch.setattr(dynamics, 'fly', lambda batch, *rest: computed.append(len(batch.x)))
     world.step(10)
     assert not computed
-    monkeypatch.setattr(dynamics, 'step', original)
+    monkeypatch.setattr(dynamics, 'fly', original)
 
 
 def test_a_body_that_is_awake_beside_a_sleeper_moves_as_if_alone():

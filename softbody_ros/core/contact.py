@@ -285,7 +285,10 @@ def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
     """
     body, h = patch.contacts.body, tick.h
     depth = patch.mean(sunk)
-    load = patch.mean(np.maximum(-patch.contacts.normal @ tick.gravity, 0.0))
+    force = (tick.gravity + tick.load)[body] if tick.load.any() else tick.gravity[None]
+    load = patch.mean(
+        np.maximum(-np.einsum('ij,ij->i', patch.contacts.normal, np.broadcast_to(force, patch.contacts.normal.shape)), 0.0)
+    )
     softness = np.maximum(SINKAGE * tick.rest.scale, 4.0 * load * h**2)
     spring = load * -np.expm1(-depth / softness)
     damping = 2.0 * np.sqrt(load / softness)

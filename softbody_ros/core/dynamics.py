@@ -1,6 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""One tick of a batch of bodies, as a list of stages."""
+"""
+One tick of a batch of bodies, as a list of stages.
+
+First the bodies fly, each by itself; then they meet each other, see `body_contact`, which may
+involve several batches; then what is in the way and what holds them.
+"""
 
 from __future__ import annotations
 
@@ -51,6 +56,23 @@ class Batch:
     def __post_init__(self) -> None:
         self.next_x, self.next_v = np.empty_like(self.x), np.empty_like(self.v)
 
+    def part(self, rows: np.ndarray) -> Batch:
+        """Return copies of some of the bodies, given as indices."""
+        plastic = None if self.plastic is None else self.plastic[rows]
+        return Batch(self.rest, self.regions, self.x[rows], self.v[rows], plastic)
+
+    def take(self, part: Batch, rows: np.ndarray) -> None:
+        """Let the computed tick be that of a part for its rows, and no change for the others."""
+        self.next_x[:], self.next_v[:] = self.x, self.v
+        self.next_x[rows], self.next_v[rows] = part.next_x, part.next_v
+        self.next_plastic = self.plastic
+        if part.next_plastic is not None:
+            before = self.plastic
+            self.next_plastic = (
+                goals.intact(len(self.x), self.regions) if before is None else before.copy()
+            )
+            self.next_plastic[rows] = part.next_plastic
+
     def swap(self) -> None:
         """Make the computed tick the current one."""
         self.x, self.next_x = self.next_x, self.x
@@ -58,45 +80,38 @@ class Batch:
         self.plastic = self.next_plastic
 
 
-def step_awake(
-    batch: Batch,
-    awake: np.ndarray,
-    gains: Gains,
-    pinned: Mapping[int, Pins],
-    gravity: np.ndarray,
-    obstacles: Sequence[Obstacle],
-    h: float,
-) -> None:
-    """Compute the next tick of the bodies of a batch that are awake, (B,) bool; see `step`."""
-    if awake.all():
-        step(batch, gains, pinned, gravity, obstacles, h)
-        return
-    plastic = None if batch.plastic is None else batch.plastic[awake]
-    part = Batch(batch.rest, batch.regions, batch.x[awake], batch.v[awake], plastic)
-    rows = {row: place for place, row in enumerate(np.flatnonzero(awake).tolist())}
-    part_pinned = {rows[row]: pins for row, pins in pinned.items() if row in rows}
-    step(part, gains.of(awake), part_pinned, gravity, obstacles, h)
-    batch.next_x[:], batch.next_v[:] = batch.x, batch.v
-    batch.next_x[awake], batch.next_v[awake] = part.next_x, part.next_v
-    batch.next_plastic = batch.plastic
-    if part.next_plastic is not None:
-        before = batch.plastic
-        batch.next_plastic = (
-            goals.intact(len(batch.x), batch.regions) if before is None else before.copy()
-        )
-        batch.next_plastic[awake] = part.next_plastic
-
-
-def step(
-    batch: Batch,
-    gains: Gains,
-    pinned: Mapping[int, Pins],
-    gravity: np.ndarray,
-    obstacles: Sequence[Obstacle],
-    h: float,
-) -> None:
+@dataclass(frozen=True)
+class Flight:
     """
-    Compute the next tick of a batch into `next_x`, `next_v` and `next_plastic`.
+    Bodies of a batch in the middle of a tick: moved by themselves, not yet by what they touch.
+
+    Attributes
+    ----------
+    batch : Batch
+        all bodies, or copies of those that are awake
+    particles : Particles
+    match : Match
+    motion : RigidMotion
+        of the particles
+    pinned : mapping of int to Pins
+        by row
+    tick : Tick
+
+    """
+
+    batch: Batch
+    particles: Particles
+    match: Match
+    motion: RigidMotion
+    pinned: Mapping[int, Pins]
+    tick: Tick
+
+
+def fly(
+    batch: Batch, gains: Gains, pinned: Mapping[int, Pins], gravity: np.ndarray, h: float
+) -> Flight:
+    """
+    Move bodies as if nothing were in their way.
 
     Free flight is exact: a parabola at any step, with momentum and angular momentum kept to
     rounding.
@@ -104,12 +119,12 @@ def step(
     Parameters
     ----------
     batch : Batch
+        its `next_x` and `next_v` are changed
     gains : Gains
     pinned : mapping of int to Pins
         by row of the batch
     gravity : (3,) float
         m/s²
-    obstacles : sequence of Obstacle
     h : float
         s
 
@@ -119,17 +134,23 @@ def step(
         if a number would not be finite.
 
     """
-    tick = Tick(batch.rest, batch.regions, gains, gravity, h)
+    tick = Tick(batch.rest, batch.regions, gains, gravity, h, np.zeros((len(batch.x), 3)))
     particles = predict(batch, tick)
     match = goals.find(particles, pinned, tick)
     damp(particles, match.centre, tick)
     momentum = rigid_motion.momentum(particles.x, particles.v, match.centre, tick.rest)
     pull(particles, match, tick)
     motion = restore_momentum(particles, match.centre, momentum, pinned, tick)
-    contact.meet(particles, match.goals[1], motion, obstacles, tick)
+    return Flight(batch, particles, match, motion, pinned, tick)
+
+
+def land(flight: Flight, obstacles: Sequence[Obstacle]) -> None:
+    """Let bodies meet the obstacles and their pins: that completes their tick."""
+    particles, tick = flight.particles, flight.tick
+    contact.meet(particles, flight.match.goals[1], flight.motion, obstacles, tick)
     rigid_contact.meet(particles, obstacles, tick)
-    pins.hold(particles, pinned, tick)
-    batch.next_plastic = match.plastic
+    pins.hold(particles, flight.pinned, tick)
+    flight.batch.next_plastic = flight.match.plastic
 
 
 def predict(batch: Batch, tick: Tick) -> Particles:

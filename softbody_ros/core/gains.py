@@ -83,6 +83,7 @@ class Gains:
     friction: np.ndarray
     coulomb: np.ndarray
     thickness: np.ndarray
+    mass: np.ndarray
     kept_velocity: np.ndarray
     yield_strain: np.ndarray
     creeping: np.ndarray
@@ -145,6 +146,7 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
         friction,
         body.friction_model == 'coulomb',
         body.thickness,
+        body.mass,
         kept_velocity,
         body.plasticity_yield,
         -math.expm1(-body.plasticity_creep * step),

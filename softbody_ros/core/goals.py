@@ -40,6 +40,12 @@ class Match:
     strayed : (B,) float
         from 0, anything that a goal can follow, to 1, a state that only the rest shape leads out
         of
+    place : (B, P, 3) float
+        where the P pieces of a body are: its regions, or the body as the only one; centres, m
+    origin : (B, P, 3) float
+        where they are in the rest shape, m
+    posture : (B, P, 3, 3) float
+        how they lie: the linear transforms from offsets in the rest shape to those now
     plastic : (B, 1 + K, 3, 3) float or None
         plastic state after the tick: of the whole body and of its K regions
 
@@ -48,6 +54,9 @@ class Match:
     centre: np.ndarray
     goals: np.ndarray
     strayed: np.ndarray
+    place: np.ndarray
+    origin: np.ndarray
+    posture: np.ndarray
     plastic: np.ndarray | None
 
 
@@ -58,10 +67,14 @@ def find(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> Match:
         return of_bodies(particles, tick)
     x, before = particles.x, particles.plastic
     plastic = intact(len(x), tick.regions) if before is None else before.copy()
+    pieces = tick.regions.count if tick.regions else 1
     match = Match(
         weighted(x, tick.rest.weights),
         np.empty((2, *x.shape), x.dtype),
         np.zeros(len(x)),
+        np.empty((len(x), pieces, 3)),
+        np.empty((len(x), pieces, 3)),
+        np.empty((len(x), pieces, 3, 3)),
         plastic,
     )
     free = np.setdiff1d(np.arange(len(x)), hanging)
@@ -73,6 +86,8 @@ def find(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> Match:
         part_tick = dataclasses.replace(tick, rest=rest, regions=parts, gains=tick.gains.of(rows))
         part = of_bodies(particles.of(rows), part_tick)
         match.goals[:, rows], match.strayed[rows] = part.goals, part.strayed
+        match.place[rows], match.origin[rows] = part.place, part.origin
+        match.posture[rows] = part.posture
         if part.plastic is not None:
             plastic[rows] = part.plastic
             flows = True
@@ -91,16 +106,27 @@ def of_bodies(particles: Particles, tick: Tick) -> Match:
     transforms = matching.blended(fits.followed, undeformed, deformation)
     parts = None
     if tick.regions is None:
+        place, origin = centre[:, None], rest.centre[None]
+        posture = of_whole(fits, undeformed)[:, None]
         places = matching.goals(centre, transforms, rest)
     else:
         stretch = None if plastic is None else plastic[:, 1:]
         parts = regions.match(particles.x, tick.regions, rest, stretch)
+        place, posture = parts.centre, parts.undeformed
+        origin = rest.centre + rest.scale * tick.regions.centre
         whole = gains.whole_body[:, None]
         places = matching.goals(whole * centre, whole[..., None] * transforms, rest)
         of_regions = regions.goals(parts, tick.regions, rest)
         of_regions *= (1.0 - whole[..., None]).astype(of_regions.dtype)
         places += of_regions
-    return Match(centre, places, fits.strayed, flowed(plastic, fits, parts, tick))
+    flow = flowed(plastic, fits, parts, tick)
+    origin = np.broadcast_to(origin, place.shape)
+    return Match(centre, places, fits.strayed, place, origin, posture, flow)
+
+
+def of_whole(fits: Fits, undeformed: np.ndarray) -> np.ndarray:
+    """Return how bodies without regions lie, (B, 3, 3): as they fit, if they have not strayed."""
+    return np.where((fits.strayed > 0.0)[:, None, None], undeformed, fits.nearest[..., :LINEAR])
 
 
 def intact(bodies: int, regions: Regions | None) -> np.ndarray:

@@ -46,6 +46,12 @@ class Regions:
         particles → moments: times the particle's weight, and zero where a row is filled up
     spread : (n, 4 K) sparse
         transforms → goals
+    centre : (K, 3) float
+        centres of mass in the rest shape, as its features q
+    home : (n,) int
+        the region in which each particle has its largest share
+    belongs : (n, K) sparse
+        1 where a particle has a share
     mass : (K,) float
         what the regions weigh
     inverse : (K, 3, 3) float
@@ -58,6 +64,9 @@ class Regions:
     members: np.ndarray
     gather: np.ndarray
     spread: csr_array
+    centre: np.ndarray
+    home: np.ndarray
+    belongs: csr_array
     mass: np.ndarray
     inverse: np.ndarray
     unspanned: np.ndarray
@@ -135,6 +144,9 @@ def make_regions(
         members=members,
         gather=gather.astype(dtype),
         spread=spread.astype(dtype),
+        centre=centre,
+        home=member[np.arange(len(points)), shares.argmax(axis=1)],
+        belongs=csr_array((np.ones(len(region)), (particle, region)), shape=(len(points), count)),
         mass=mass,
         inverse=np.stack([inverse for inverse, _ in pairs]),
         unspanned=np.stack([unspanned for _, unspanned in pairs]),

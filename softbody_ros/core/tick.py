@@ -69,6 +69,7 @@ class Tick:
     gains: Gains
     gravity: np.ndarray
     h: float
+    load: np.ndarray
 
     @property
     def slow(self) -> float:

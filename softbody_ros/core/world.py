@@ -4,14 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import dynamics, matching, obstacles, plasticity, rigid_motion, sleep
+from softbody_ros.core import body_contact, dynamics, matching, obstacles, plasticity, rigid_motion, sleep
 from softbody_ros.core.config import (
     BodyConfig,
     ConfigError,
@@ -20,13 +21,14 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
-from softbody_ros.core.dynamics import Batch
+from softbody_ros.core.dynamics import Batch, Flight
 from softbody_ros.core.gains import Gains, make_gains
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.pins import Pins, make_pins, pinned_particles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
+from softbody_ros.core.skin import make_skin
 from softbody_ros.core.sleep import Stillness
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import SimulationError
@@ -121,6 +123,10 @@ class World:
             _regions_of(self.body_config(names[0]), rest)
             for names, rest in zip(self._members, self._rests, strict=True)
         ]
+        self._skins = [
+            make_skin(rest, parts)
+            for rest, parts in zip(self._rests, self._regions, strict=True)
+        ]
         self._gains = self._gains_of(config)
         self._pinned: list[dict[int, Pins]] = [{} for _ in self._members]
         self._update_pins()
@@ -142,37 +148,56 @@ class World:
             if a number would not be finite; the state is that of the last good tick.
 
         """
-        gravity, h = self.config.gravity, self.config.time_step
         for _ in range(ticks):
-            moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
-            computed = []
-            for batch, watched, gains, pinned, names in zip(
-                self._batches,
-                self._watched,
-                self._gains,
-                self._pinned,
-                self._members,
-                strict=True,
-            ):
-                awake = watched.awake
-                if not awake.any():
-                    continue
-                try:
-                    with np.errstate(over='ignore', invalid='ignore'):
-                        dynamics.step_awake(batch, awake, gains, pinned, gravity, moved, h)
-                    computed.append(batch)
-                except (SimulationError, np.linalg.LinAlgError) as error:
-                    raise SimulationError(
-                        f'tick {self.tick + 1} of {", ".join(names)} cannot be computed '
-                        f'({error}): the state stays at tick {self.tick}, reset it or lower '
-                        'the velocities'
-                    ) from error
-            for batch in computed:
-                batch.swap()
-            self._obstacles = moved
-            self.tick += 1
-            if self.tick % max(round(sleep.WATCH / h), 1) == 0:
-                self._watch()
+            self._step()
+
+    def _step(self) -> None:
+        h = self.config.time_step
+        moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
+        rows = {
+            index: np.flatnonzero(watched.awake)
+            for index, watched in enumerate(self._watched)
+            if watched.awake.any()
+        }
+        flights = {}
+        for index in rows:
+            with self._computing(self._members[index]):
+                flights[index] = self._fly(index, rows[index])
+        body_contact.meet(list(flights.values()), [self._skins[index] for index in flights], moved)
+        for index, flight in flights.items():
+            with self._computing(self._members[index]):
+                dynamics.land(flight, moved)
+        for index, flight in flights.items():
+            batch = self._batches[index]
+            if flight.batch is not batch:
+                batch.take(flight.batch, rows[index])
+            batch.swap()
+        self._obstacles = moved
+        self.tick += 1
+        if self.tick % max(round(sleep.WATCH / h), 1) == 0:
+            self._watch()
+
+    def _fly(self, index: int, awake: np.ndarray) -> Flight:
+        """Let those bodies of a batch fly that are awake, given as indices."""
+        batch, gains, pinned = self._batches[index], self._gains[index], self._pinned[index]
+        gravity, h = self.config.gravity, self.config.time_step
+        if len(awake) == len(batch.x):
+            return dynamics.fly(batch, gains, pinned, gravity, h)
+        places = {row: place for place, row in enumerate(awake.tolist())}
+        part_pinned = {places[row]: pins for row, pins in pinned.items() if row in places}
+        return dynamics.fly(batch.part(awake), gains.of(awake), part_pinned, gravity, h)
+
+    @contextmanager
+    def _computing(self, names: Sequence[str]) -> Iterator[None]:
+        """Let what goes wrong with a tick say which bodies it concerns."""
+        try:
+            with np.errstate(over='ignore', invalid='ignore'):
+                yield
+        except (SimulationError, np.linalg.LinAlgError) as error:
+            raise SimulationError(
+                f'tick {self.tick + 1} of {", ".join(names)} cannot be computed ({error}): the '
+                f'state stays at tick {self.tick}, reset it or lower the velocities'
+            ) from error
 
     def _watch(self) -> None:
         for batch, watched, gains, pinned in zip(

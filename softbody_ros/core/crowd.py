@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies of several batches as one list of particles, for a stage that involves them all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softbody_ros.core import rigid_motion
+from softbody_ros.core.dynamics import Flight
+from softbody_ros.core.point_obstacles import NO_POINTS, PointObstacles
+from softbody_ros.core.skin import Skin
+
+LEAST_WEIGHT = 1e-12
+"""Share of its body's mass that a particle without area has when it touches something."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """
+    Where some bodies of a crowd come from.
+
+    Attributes
+    ----------
+    flight : Flight
+    skin : Skin
+        of all its bodies
+    rows : (b,) int
+        which of them
+    first : int
+        number of the first in the crowd
+
+    """
+
+    flight: Flight
+    skin: Skin
+    rows: np.ndarray
+    first: int
+
+    @property
+    def bodies(self) -> slice:
+        """Numbers in the crowd."""
+        return slice(self.first, self.first + len(self.rows))
+
+    def listed(self, field: np.ndarray) -> np.ndarray:
+        """Return a field (B, 3, n) of the flight as (b n, 3) float64, in the order of the skin."""
+        part = field[self.rows]
+        if self.skin.pieces > 1:
+            part = part[..., self.skin.order]
+        return part.swapaxes(1, 2).reshape(-1, 3).astype(np.float64, copy=False)
+
+    def put(self, field: np.ndarray, values: np.ndarray) -> None:
+        """Write back what `listed` has returned."""
+        part = values.reshape(len(self.rows), -1, 3)
+        if self.skin.pieces > 1:
+            unordered = np.empty_like(part)
+            unordered[:, self.skin.order] = part
+            part = unordered
+        field[self.rows] = part.swapaxes(1, 2)
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """
+    C bodies with N particles in all; the last one is whatever does not give way, if anything.
+
+    Attributes
+    ----------
+    sources : sequence of Source
+    source : (C,) int
+        which of them each body comes from; one more than there are for what does not give way
+    first : (C + 1,) int
+        where the particles of each body begin
+    body : (N,) int
+        whose each particle is
+    x, v : (N, 3) float64
+        positions, m, and velocities, m/s: the stages change them in place
+    start, goals : (N, 3) float64
+        where the particles were at the tick before, and where they want to be, m
+    lightness : (N,) float
+        of the particles: 1 / mass, 1/kg
+    body_lightness : (C,) float
+        of the bodies, 1/kg
+    rigid, elasticity, friction, coulomb, thickness, scale : (C,)
+        of the bodies, see `Gains` and `RestShape`
+    centre : (C, 3) float
+        m
+    twist : (C, 6) float
+        velocity of the centre of mass, m/s, and angular velocity, rad/s
+    spin : (C, 3) float
+        angular momentum about the centre of mass per mass, m²/s
+    inverse_inertia : (C, 3, 3) float
+        times mass, 1/m²
+
+    """
+
+    sources: Sequence[Source]
+    source: np.ndarray
+    first: np.ndarray
+    body: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    start: np.ndarray
+    goals: np.ndarray
+    lightness: np.ndarray
+    body_lightness: np.ndarray
+    rigid: np.ndarray
+    elasticity: np.ndarray
+    friction: np.ndarray
+    coulomb: np.ndarray
+    thickness: np.ndarray
+    scale: np.ndarray
+    centre: np.ndarray
+    twist: np.ndarray
+    spin: np.ndarray
+    inverse_inertia: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.body_lightness)
+
+    def field(self, twist: np.ndarray) -> np.ndarray:
+        """Return the velocities (N, 3) that rigid motions (C, 6) give to the particles."""
+        offset = twist[:, :3] - rigid_motion.cross(twist[:, 3:], self.centre)
+        return offset[self.body] + rigid_motion.cross(twist[self.body, 3:], self.x)
+
+    def mobility(self) -> np.ndarray:
+        """Return (C, 6, 6): what an impulse and a turning impulse do to the twist, 1/kg …."""
+        result = np.zeros((len(self), 6, 6))
+        result[:, [0, 1, 2], [0, 1, 2]] = self.body_lightness[:, None]
+        result[:, 3:, 3:] = self.body_lightness[:, None, None] * self.inverse_inertia
+        return result
+
+    def moved_bodies(self) -> slice:
+        """Return the numbers of the bodies that give way."""
+        return slice(0, self.sources[-1].bodies.stop)
+
+
+def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) -> Crowd:
+    """Return copies of bodies of flights, and points that do not give way, as a crowd."""
+    obstacle = [0] if len(points) else []
+
+    def particles(name: str) -> list[np.ndarray]:
+        return [each.listed(getattr(each.flight.particles, name)) for each in sources]
+
+    def of_gains(name: str, unmoved: float) -> np.ndarray:
+        rows = [getattr(each.flight.tick.gains, name)[each.rows] for each in sources]
+        return np.concatenate([*rows, np.full(len(obstacle), unmoved, rows[0].dtype)])
+
+    def of_motion(name: str) -> np.ndarray:
+        rows = [getattr(each.flight.motion, name)[each.rows] for each in sources]
+        return np.concatenate([*rows, np.zeros((len(obstacle), *rows[0].shape[1:]))])
+
+    sizes = [np.full(len(each.rows), each.skin.rest.particle_count) for each in sources]
+    counts = np.concatenate([*sizes, np.full(len(obstacle), len(points))])
+    weights = [
+        np.tile(np.maximum(each.skin.rest.weights[each.skin.order], LEAST_WEIGHT), len(each.rows))
+        for each in sources
+    ]
+    lightness = 1.0 / of_gains('mass', np.inf)
+    inverse_inertia, spin = of_motion('inverse_inertia'), of_motion('spin')
+    thickness = of_gains('thickness', points.radius)
+    body = np.repeat(np.arange(len(counts)), counts)
+    with np.errstate(divide='ignore'):
+        shares = np.concatenate([*weights, np.ones(len(points))]).astype(np.float64)
+    return Crowd(
+        sources=sources,
+        source=np.repeat(np.arange(len(sources) + 1), [*map(len, weights_rows(sources)), len(obstacle)]),
+        first=np.concatenate([[0], np.cumsum(counts)]),
+        body=body,
+        x=np.concatenate([*particles('x'), points.points]),
+        v=np.concatenate([*particles('v'), np.zeros_like(points.points)]),
+        start=np.concatenate([*particles('start'), points.points]),
+        goals=np.concatenate(
+            [*(each.listed(each.flight.match.goals[1]) for each in sources), points.points]
+        ),
+        lightness=lightness[body] / shares,
+        body_lightness=lightness,
+        rigid=of_gains('rigid', True),
+        elasticity=of_gains('elasticity', np.nan),
+        friction=of_gains('friction', np.nan),
+        coulomb=of_gains('coulomb', False),
+        thickness=thickness,
+        scale=np.concatenate(
+            [*(np.full(len(s.rows), s.skin.rest.scale) for s in sources), np.full(len(obstacle), np.inf)]
+        ),
+        centre=of_motion('centre'),
+        twist=np.concatenate(
+            [of_motion('velocity'), rigid_motion.applied(inverse_inertia, spin)], axis=1
+        ),
+        spin=spin,
+        inverse_inertia=inverse_inertia,
+    )
+
+
+def weights_rows(sources: Sequence[Source]) -> list[np.ndarray]:
+    return [each.rows for each in sources]

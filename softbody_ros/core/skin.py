@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What a rest shape needs so that bodies which have it can be touched: computed once per shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from softbody_ros.core.nearest_faces import NearestFaces, nearest_faces
+from softbody_ros.core.regions import Regions
+from softbody_ros.core.rest_shape import RestShape
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """
+    The surface of a shape, in the P pieces whose posture is known: its regions, or the whole.
+
+    Each particle and each face belongs to one piece.
+
+    Attributes
+    ----------
+    rest : RestShape
+    order : (n,) int
+        the particles, piece by piece
+    first : (P + 1,) int
+        where in `order` each piece begins
+    corners : (m, 3) int
+        of the faces, as places in `order`
+    piece_of_face : (m,) int
+    covered, covered_first : (c,), (P,) int
+        particles of each piece and at corners of its faces, and where each piece begins
+    strangers : (P, P) bool
+        pieces of one body that may touch each other: no particle belongs to both
+
+    """
+
+    rest: RestShape
+    order: np.ndarray
+    first: np.ndarray
+    corners: np.ndarray
+    piece_of_face: np.ndarray
+    covered: np.ndarray
+    covered_first: np.ndarray
+    strangers: np.ndarray
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces, P."""
+        return len(self.strangers)
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has an inside, which others can be kept out of."""
+        return self.rest.surface.closed
+
+    @cached_property
+    def nearest(self) -> NearestFaces:
+        """Which face of the rest shape is nearest to a point; for closed ones."""
+        return nearest_faces(self.rest.surface)
+
+
+def make_skin(rest: RestShape, regions: Regions | None) -> Skin:
+    """Return the skin of a shape that is matched as a whole, or in regions."""
+    faces, count = rest.surface.faces, rest.particle_count
+    if regions is None:
+        home, strangers = np.zeros(count, dtype=np.int64), np.zeros((1, 1), dtype=bool)
+    else:
+        home, strangers = regions.home, (regions.belongs.T @ regions.belongs).toarray() == 0
+    pieces = len(strangers)
+    order = np.argsort(home, kind='stable')
+    place = np.empty(count, dtype=np.int64)
+    place[order] = np.arange(count)
+    piece_of_face = home[faces[:, 0]]
+    of_piece = np.concatenate([home, np.repeat(piece_of_face, 3)]) * count
+    piece, covered = np.divmod(
+        np.unique(of_piece + np.concatenate([np.arange(count), faces.ravel()])), count
+    )
+    return Skin(
+        rest=rest,
+        order=order,
+        first=np.searchsorted(home[order], np.arange(pieces + 1)),
+        corners=place[faces],
+        piece_of_face=piece_of_face,
+        covered=covered,
+        covered_first=np.searchsorted(piece, np.arange(pieces)),
+        strangers=strangers,
+    )
