@@ -43,9 +43,9 @@ class NearestFaces:
     """
     For each of N cells the faces that can be nearest to a point in it.
 
-    A cell nearer to the surface than its own diagonal has them all; one further away has only the
-    face nearest to its centre, so that there distances may be too large, by less than a diagonal
-    and on smooth surfaces in second order only.
+    A cell whose centre is nearer to the surface than its diagonal has them all. A cell further
+    away has only the face nearest to its centre, so that there distances may be too large, by less
+    than a diagonal and on smooth surfaces in second order only.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class NearestFaces:
     nearest_face : (N,) int
         the first of each cell, −1 for the border
     far : (N,) int
-        0 for cells that have all their faces, else the sign of the distance
+        0 for cells that have all their faces, else the sign of the distance; 1 in the border
 
     """
 
@@ -81,9 +81,18 @@ class NearestFaces:
     far: np.ndarray
 
     @property
-    def diagonal(self) -> float:
-        """Of a cell, m; up to this distance from the surface distances are exact."""
-        return 3**0.5 * self.cell
+    def exact_to(self) -> float:
+        """Distance from the surface up to which distances are exact, m: half a diagonal."""
+        return 0.5 * 3**0.5 * self.cell
+
+    def at_least(self, distance: np.ndarray) -> np.ndarray:
+        """Return lower bounds (k,) of the true distances, from those of `distance`."""
+        far = np.maximum(distance - 2.0 * self.exact_to, self.exact_to)
+        return np.where(distance > self.exact_to, far, distance)
+
+    def is_clear(self, points: np.ndarray) -> np.ndarray:
+        """Return (k,) bool: surely outside and not nearer than `exact_to`; a quick test."""
+        return self.far[self._cells(points)] > 0
 
     def nearest(self, points: np.ndarray) -> np.ndarray:
         """Return (k,): the face nearest to the centre of the cell of points (k, 3), −1 outside."""
@@ -104,17 +113,17 @@ class NearestFaces:
         """
         cells = self._cells(points)
         count = self.first[cells + 1] - self.first[cells]
-        beyond = count == 0
-        if not beyond.any():
-            return self._distance_within(points, cells, count)
-        offset = points - np.clip(points, self.low, self.high)
-        distance = np.linalg.norm(offset, axis=1)
-        normal = offset / np.where(beyond, distance, 1.0)[:, None]
-        within = ~beyond
+        distance, normal = np.empty(len(points)), np.empty((len(points), 3))
+        within = count > 0
         if within.any():
             distance[within], normal[within] = self._distance_within(
                 points[within], cells[within], count[within]
             )
+        beyond = ~within
+        if beyond.any():
+            offset = points[beyond] - np.clip(points[beyond], self.low, self.high)
+            distance[beyond] = np.linalg.norm(offset, axis=1)
+            normal[beyond] = offset / distance[beyond, None]
         return distance, normal
 
     def _cells(self, points: np.ndarray) -> np.ndarray:
@@ -150,8 +159,8 @@ def nearest_faces(surface: Surface) -> NearestFaces:
 
     """
     digest = hashlib.blake2b(str(surface.vertices.shape).encode())
-    digest.update(surface.vertices)
-    digest.update(surface.faces)
+    digest.update(surface.vertices.tobytes())
+    digest.update(surface.faces.tobytes())
     return _cached(_Content(digest.digest(), surface))
 
 
@@ -280,8 +289,8 @@ def make_triangles(surface: Surface) -> Triangles:
     lengths = np.linalg.norm(pseudonormals, axis=2, keepdims=True)
     # where a surface is folded back onto itself the normals cancel
     pseudonormals = np.where(lengths > 1e-12, pseudonormals, normal[:, None])
-    columns = [np.ascontiguousarray(part.T) for part in (a, b - a, c - a)]
-    return Triangles(*columns, _units(pseudonormals))
+    corner, ab, ac = (np.ascontiguousarray(part.T) for part in (a, b - a, c - a))
+    return Triangles(corner, ab, ac, _units(pseudonormals))
 
 
 # ------------------------------------------------------------------------------------ the grid
@@ -335,7 +344,7 @@ def _built(surface: Surface) -> NearestFaces:
         first,
         faces,
         nearest_face,
-        np.pad(side, 1).ravel(),
+        np.pad(side, 1, constant_values=1).ravel(),
     )
 
 
