@@ -14,7 +14,7 @@ import dataclasses
 from dataclasses import dataclass
 import numbers
 import os
-from typing import Any
+from typing import Any, TypeVar
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -31,6 +31,8 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
+
+_HasMesh = TypeVar('_HasMesh', BodyConfig, ObstacleConfig)
 
 
 @dataclass(frozen=True)
@@ -137,12 +139,13 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
             if prefix + dotted in values
         }
 
-    bodies = []
-    for name in lists.bodies:
-        body = BodyConfig(name=name, **fields(BodyConfig, f'{name}.'))
-        bodies.append(dataclasses.replace(body, mesh=mesh_path(str(body.mesh))))
+    bodies = [
+        _with_mesh_path(BodyConfig(name=name, **fields(BodyConfig, f'{name}.')))
+        for name in lists.bodies
+    ]
     obstacles = [
-        ObstacleConfig(name=name, **fields(ObstacleConfig, f'{name}.')) for name in lists.obstacles
+        _with_mesh_path(ObstacleConfig(name=name, **fields(ObstacleConfig, f'{name}.')))
+        for name in lists.obstacles
     ]
     return Scene(
         node=NodeConfig(**fields(NodeConfig)),
@@ -153,9 +156,13 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
     )
 
 
+def _with_mesh_path(config: _HasMesh) -> _HasMesh:
+    return dataclasses.replace(config, mesh=mesh_path(str(config.mesh)))
+
+
 def mesh_path(mesh: str) -> str:
     """
-    Return the path that a body's `mesh` parameter means; names of primitives stay.
+    Return the path that a `mesh` parameter means; names of primitives stay.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from softbody_ros.core.mesh import LARGEST_MESH, PRIMITIVES, Surface
 
 MODES = ('rigid', 'linear', 'quadratic')
 FRICTION_MODELS = ('viscous', 'coulomb')
-OBSTACLE_TYPES = ('plane', 'box', 'sphere', 'capsule', 'mesh')
+OBSTACLE_TYPES = ('plane', 'box', 'sphere', 'capsule', 'cylinder', 'mesh')
 NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 LARGEST = 1e6
 """Largest magnitude of a vector component: beyond it float64 loses the micrometre."""
@@ -319,19 +319,34 @@ class BodyConfig(Checked):
 
 @dataclass(frozen=True)
 class ObstacleConfig(Checked):
-    """One thing that bodies bump into; its own +z axis is a plane's normal, a capsule's axis."""
+    """
+    One thing that bodies bump into.
+
+    Its own +z axis is a plane's normal, the axis of a capsule or cylinder. `mesh` is given like
+    that of a body, its surface must be closed.
+    """
 
     name: str = 'ground'
     type: str = setting(
-        'plane', 'shape; mesh is not available yet', choices=OBSTACLE_TYPES, read_only=True
+        'plane', 'shape; +z is the normal of a plane, the axis of a capsule or cylinder',
+        choices=OBSTACLE_TYPES, read_only=True,
+    )  # fmt: skip
+    mesh: str | Surface = setting(
+        '', 'of type mesh: a closed surface, given like that of a body', read_only=True
+    )
+    subdivisions: int = setting(
+        3, "fineness of a mesh's primitive", minimum=0, maximum=8, read_only=True
     )
     position: tuple[float, ...] = _vector((0.0, 0.0, 0.0), 'origin of the shape', unit='m')
     orientation: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0, 1.0), 'quaternion x y z w', minimum=-1.0, maximum=1.0
     )
     size: tuple[float, ...] = setting(
-        (1.0, 1.0, 1.0), 'half extents; unused by a plane', unit='m', minimum=1e-4, maximum=1e4
-    )
+        (1.0, 1.0, 1.0),
+        'half extents of a box; of the round ones radius, unused, half length; of a mesh half of '
+        'its longest side first; unused by a plane',
+        unit='m', minimum=1e-4, maximum=1e4,
+    )  # fmt: skip
     velocity_linear: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0), 'of the origin', unit='m/s', minimum=-1e4, maximum=1e4, group='velocity'
     )

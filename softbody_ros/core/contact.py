@@ -19,9 +19,10 @@ from functools import cached_property
 import numpy as np
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.obstacles import SIGNED_DISTANCE, Obstacle
+from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
+from softbody_ros.core.sweep import first_touch
 from softbody_ros.core.tick import Particles, Tick
 
 SINKAGE = 0.01
@@ -44,6 +45,8 @@ class Contacts:
         m, with the body's thickness
     surface_velocity : (k, 3) float
         of the obstacle at the particle, m/s
+    swept : (k,) bool
+        where the obstacle counts as the half space that a fast particle has entered
 
     """
 
@@ -52,6 +55,7 @@ class Contacts:
     normal: np.ndarray
     depth: np.ndarray
     surface_velocity: np.ndarray
+    swept: np.ndarray
 
     def __len__(self) -> int:
         return len(self.body)
@@ -75,13 +79,23 @@ NO_CONTACTS = Contacts(
     np.zeros((0, 3)),
     np.zeros(0),
     np.zeros((0, 3)),
+    np.zeros(0, dtype=bool),
 )
 
 
 # -------------------------------------------------------------------------------------- detection
-def find(x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray) -> Contacts:
+def find(
+    x: np.ndarray,
+    obstacle: Obstacle,
+    thickness: np.ndarray,
+    start: np.ndarray | None = None,
+    bodies: np.ndarray | None = None,
+) -> Contacts:
     """
     Return the particles that are nearer to an obstacle than their body's thickness.
+
+    They are to leave it by its closest point. Where a particle is so fast that this may be on the
+    far side, it is to return to the side from which it has come.
 
     Parameters
     ----------
@@ -90,16 +104,29 @@ def find(x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray) -> Contacts:
     obstacle : Obstacle
     thickness : (B,) float
         m
+    start : (B, 3, n) float, optional
+        positions at the tick before, m; without them nothing is fast
+    bodies : (b,) int, optional
+        those that may touch, by default all
 
     """
-    body, particle = _candidates(x, obstacle, thickness)
+    if obstacle.config.type == 'plane':
+        start = None
+    if bodies is not None and len(bodies) < len(x):
+        part = find(
+            x[bodies], obstacle, thickness[bodies], None if start is None else start[bodies]
+        )
+        return dataclasses.replace(part, body=bodies[part.body])
+    body, particle = _candidates(x, obstacle, thickness, start)
     if not len(body):
         return NO_CONTACTS
     points = x[body, :, particle]
-    distance, normal = _distance(points, obstacle)
-    depth = thickness[body] - distance
-    contacts = Contacts(body, particle, normal, depth, obstacle.surface_velocity(points))
-    return contacts.where(depth > 0.0)
+    depth, normal = _closest(points, obstacle, thickness[body])
+    swept = np.zeros(len(body), dtype=bool)
+    if start is not None:
+        _sweep(points, start[body, :, particle], obstacle, thickness[body], depth, normal, swept)
+    velocity = obstacle.surface_velocity(points)
+    return Contacts(body, particle, normal, depth, velocity, swept).where(depth > 0.0)
 
 
 def joined(parts: Sequence[Contacts]) -> Contacts:
@@ -108,16 +135,50 @@ def joined(parts: Sequence[Contacts]) -> Contacts:
     return Contacts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def _distance(points: np.ndarray, obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray]:
-    """Return signed distances (k,) and outward normals (k, 3) of points (k, 3), all in m."""
+def _closest(
+    points: np.ndarray, obstacle: Obstacle, thickness: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return depths (k,), m, and normals (k, 3) of points (k, 3) with thickness (k,)."""
     local = (points - obstacle.position) @ obstacle.rotation
-    signed_distance = SIGNED_DISTANCE[obstacle.config.type]
-    distance, normal = signed_distance(local, np.array(obstacle.config.size))
-    return distance, normal @ obstacle.rotation.T
+    if obstacle.faces is None:
+        distance, normal = obstacle.distance(local)
+        return thickness - distance, normal @ obstacle.rotation.T
+    depth, normal = np.full(len(points), -np.inf), np.zeros(points.shape)
+    close = ~obstacle.is_clear(local, thickness)
+    distance, normal[close] = obstacle.distance(local[close])
+    depth[close] = thickness[close] - distance
+    return depth, normal @ obstacle.rotation.T
+
+
+def _sweep(
+    points: np.ndarray,
+    start: np.ndarray,
+    obstacle: Obstacle,
+    thickness: np.ndarray,
+    depth: np.ndarray,
+    normal: np.ndarray,
+    swept: np.ndarray,
+) -> None:
+    """Let fast particles leave on the side on which they came: change the others, in place."""
+    before = obstacle.before or (obstacle.position, obstacle.rotation)
+    start = (start - before[0]) @ before[1]
+    end = (points - obstacle.position) @ obstacle.rotation
+    length = np.linalg.norm(end - start, axis=1)
+    fast = np.flatnonzero(length > obstacle.slow)
+    fast = fast[~obstacle.is_clear(start[fast], thickness[fast] + length[fast])]
+    if not len(fast):
+        return
+    touched, distance, way_out = first_touch(obstacle, start[fast], end[fast], thickness[fast])
+    way_out = way_out @ obstacle.rotation.T
+    entered = thickness[fast] - distance
+    same_side = np.einsum('ij,ij->i', way_out, normal[fast]) > 0.5
+    wrong = touched & (entered > 0.0) & ~(same_side & (depth[fast] > 0.5 * entered))
+    fast = fast[wrong]
+    depth[fast], normal[fast], swept[fast] = entered[wrong], way_out[wrong], True
 
 
 def _candidates(
-    x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray
+    x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray, start: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return body and particle indices of those that may touch: a cheap test for all."""
     if obstacle.config.type == 'plane':
@@ -125,16 +186,57 @@ def _candidates(
         height = np.matmul(normal.astype(x.dtype), x)
         limit = obstacle.position @ normal + thickness
         return _indices(height < limit.astype(x.dtype)[:, None])
-    reach = np.linalg.norm(obstacle.config.size)
-    offsets = x - obstacle.position.astype(x.dtype)[:, None]
-    square = np.einsum('bij,bij->bj', offsets, offsets)
-    return _indices(square < ((reach + thickness) ** 2)[:, None])
+    low = high = _in_frame(x, obstacle.position, obstacle.rotation)
+    if start is not None:
+        before = _in_frame(start, *(obstacle.before or (obstacle.position, obstacle.rotation)))
+        if np.abs(before - low).max() > obstacle.slow / 3**0.5:
+            low, high = np.minimum(low, before), np.maximum(high, before)
+    limit = (obstacle.half_extents + thickness[:, None]).astype(x.dtype)[..., None]
+    return _indices(((low < limit) & (high > -limit)).all(axis=1))
+
+
+def _in_frame(x: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Return positions (B, 3, n) in the frame of an obstacle at a pose."""
+    return np.matmul(rotation.T.astype(x.dtype), x - position.astype(x.dtype)[:, None])
 
 
 def _indices(selected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what `numpy.nonzero` returns, several times faster for large bodies."""
     body, particle = np.divmod(np.flatnonzero(selected), selected.shape[1])
     return body, particle
+
+
+def nearby(
+    particles: Particles, obstacles: Sequence[Obstacle], thickness: np.ndarray
+) -> list[np.ndarray]:
+    """
+    Return for each obstacle which bodies, (b,) int, may have come to touch it in this tick.
+
+    Parameters
+    ----------
+    particles : Particles
+    obstacles : sequence of Obstacle
+    thickness : (B,) float
+        m
+
+    """
+    if all(obstacle.config.type == 'plane' for obstacle in obstacles):
+        return [np.arange(len(thickness))] * len(obstacles)
+    low = np.minimum(particles.x.min(axis=2), particles.start.min(axis=2))
+    high = np.maximum(particles.x.max(axis=2), particles.start.max(axis=2))
+    position = np.array([obstacle.position for obstacle in obstacles])
+    reach = np.array([obstacle.radius for obstacle in obstacles])
+    gap = np.maximum(low - position[:, None], position[:, None] - high)
+    distance = np.linalg.norm(np.maximum(gap, 0.0), axis=2)
+    for index, obstacle in enumerate(obstacles):
+        if obstacle.before is not None:
+            centre, rotation = obstacle.before
+            turn = np.linalg.norm(obstacle.rotation - rotation)
+            travel = np.linalg.norm(obstacle.position - centre)
+            # seen from an obstacle that turns, what is far away is fast
+            far = np.linalg.norm(np.maximum(np.abs(low - centre), np.abs(high - centre)), axis=1)
+            distance[index] -= travel + turn * far
+    return [np.flatnonzero(near) for near in distance <= reach[:, None] + thickness]
 
 
 # -------------------------------------------------------------------------------------- deformable
@@ -163,8 +265,12 @@ def meet(
     if tick.gains.rigid.all():
         return
     changed = False
-    for obstacle in obstacles:
-        contacts = find(particles.x, obstacle, tick.gains.thickness)
+    thickness = tick.gains.thickness
+    near = nearby(particles, obstacles, thickness)
+    for index, obstacle in enumerate(obstacles):
+        if not len(near[index]):
+            continue
+        contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
         if not len(contacts):
             continue
         contacts = contacts.where(~tick.gains.rigid[contacts.body])
@@ -173,9 +279,9 @@ def meet(
         if changed:
             motion = rigid_motion.rigid_motion(particles.x, particles.v, motion.centre, tick.rest)
         patch = _patch(particles.x, contacts, motion, tick.rest)
-        sunk = depth_of_goals(contacts, obstacle, goals, tick)
+        sunk = depth_of_goals(particles.x, contacts, obstacle, goals, tick)
         _respond(particles, patch, sunk, tick)
-        changed = True
+        near, changed = nearby(particles, obstacles, thickness), True
 
 
 def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -> None:
@@ -255,11 +361,19 @@ def _patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: RestSha
 
 
 def depth_of_goals(
-    contacts: Contacts, obstacle: Obstacle, goals: np.ndarray, tick: Tick
+    x: np.ndarray, contacts: Contacts, obstacle: Obstacle, goals: np.ndarray, tick: Tick
 ) -> np.ndarray:
     """Return (k,): how deep the goals of touching particles lie in the obstacle, m, or 0."""
-    distance, _ = _distance(goals[contacts.body, :, contacts.particle], obstacle)
-    return np.maximum(tick.gains.thickness[contacts.body] - distance, 0.0)
+    body, particle = contacts.body, contacts.particle
+    goal = goals[body, :, particle]
+    # goals that are far from their particles may lie on the far side, or beyond it
+    offset = goal - x[body, :, particle]
+    far = contacts.swept | (np.linalg.norm(offset, axis=1) > obstacle.slow)
+    depth = contacts.depth - np.einsum('ij,ij->i', offset, contacts.normal)
+    if not far.all():
+        near = ~far
+        depth[near] = _closest(goal[near], obstacle, tick.gains.thickness[body[near]])[0]
+    return np.maximum(depth, 0.0)
 
 
 def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:

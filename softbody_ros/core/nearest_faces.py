@@ -1,31 +1,464 @@
-"""STUB, replaced by the real one."""
-from dataclasses import dataclass
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A grid around a closed surface in which every cell knows the faces that are nearest to it.
+
+Where sampled distance fields interpolate, and round off edges and thin walls, this one computes
+the distance to the few triangles that can be nearest.
+
+References
+----------
+J. A. Bærentzen and H. Aanæs, Signed Distance Computation Using the Angle Weighted Pseudonormal,
+IEEE Transactions on Visualization and Computer Graphics 11 (3), 2005.
+C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5: closest point on a triangle.
+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+import hashlib
+from itertools import chain
+
 import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
+
+from softbody_ros.core.mesh import MeshError, Surface
+
+FEWEST_CELLS, MOST_CELLS = 16, 64
+"""Cells along the longest side of a surface."""
+MARGIN = 2
+"""Cells between a surface's bounding box and the border of the grid."""
+BLOCK = 4096
+"""Cells whose candidates are found at once: bounds the memory."""
+KEPT = 32
+"""Grids that are remembered."""
 
 
 @dataclass(frozen=True, eq=False)
 class NearestFaces:
+    """
+    For each of N cells the faces that can be nearest to a point in it.
+
+    A cell whose centre is nearer to the surface than its diagonal has them all. A cell further
+    away has only the face nearest to its centre, so that there distances may be too large, by less
+    than a diagonal and on smooth surfaces in second order only.
+
+    Attributes
+    ----------
+    triangles : Triangles
+    low, high : (3,) float
+        bounding box of the surface, m
+    origin : (3,) float
+        corner of the grid, m
+    cell : float
+        edge length of a cell, m
+    shape : (3,) int
+        cells per axis, with a border of one cell that has no faces
+    first : (N + 1,) int
+        where the faces of each cell begin in `faces`
+    faces : (k,) int
+        the nearest to the centre of the cell first
+    nearest_face : (N,) int
+        the first of each cell, −1 for the border
+    far : (N,) int
+        0 for cells that have all their faces, else the sign of the distance; 1 in the border
+
+    """
+
+    triangles: Triangles
+    low: np.ndarray
+    high: np.ndarray
     origin: np.ndarray
     cell: float
     shape: np.ndarray
-    face: np.ndarray
+    first: np.ndarray
+    faces: np.ndarray
+    nearest_face: np.ndarray
+    far: np.ndarray
 
-    def nearest(self, points):
-        index = np.floor((points - self.origin) * (1.0 / self.cell)).astype(np.int64)
-        inside = ((index >= 0) & (index < self.shape)).all(axis=1)
-        flat = (index[:, 0] * self.shape[1] + index[:, 1]) * self.shape[2] + index[:, 2]
-        return np.where(inside, self.face[np.where(inside, flat, 0)], -1)
+    @property
+    def exact_to(self) -> float:
+        """Distance from the surface up to which distances are exact, m: half a diagonal."""
+        return 0.5 * 3**0.5 * self.cell
+
+    def at_least(self, distance: np.ndarray) -> np.ndarray:
+        """Return lower bounds (k,) of the true distances, from those of `distance`."""
+        far = np.maximum(distance - 2.0 * self.exact_to, self.exact_to)
+        return np.where(distance > self.exact_to, far, distance)
+
+    def is_clear(self, points: np.ndarray) -> np.ndarray:
+        """Return (k,) bool: surely outside and not nearer than `exact_to`; a quick test."""
+        return self.far[self._cells(points)] > 0
+
+    def nearest(self, points: np.ndarray) -> np.ndarray:
+        """Return (k,): the face nearest to the centre of the cell of points (k, 3), −1 outside."""
+        return self.nearest_face[self._cells(points)]
+
+    def distance(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return signed distances (k,), negative inside, and outward normals (k, 3).
+
+        Exact near the surface, see `NearestFaces`. Outside of the grid it is the distance from the
+        bounding box: not larger than that from the surface.
+
+        Parameters
+        ----------
+        points : (k, 3) float
+            m
+
+        """
+        cells = self._cells(points)
+        count = self.first[cells + 1] - self.first[cells]
+        distance, normal = np.empty(len(points)), np.empty((len(points), 3))
+        within = count > 0
+        if within.any():
+            distance[within], normal[within] = self._distance_within(
+                points[within], cells[within], count[within]
+            )
+        beyond = ~within
+        if beyond.any():
+            offset = points[beyond] - np.clip(points[beyond], self.low, self.high)
+            distance[beyond] = np.linalg.norm(offset, axis=1)
+            normal[beyond] = offset / distance[beyond, None]
+        return distance, normal
+
+    def _cells(self, points: np.ndarray) -> np.ndarray:
+        scaled = (points.T - self.origin[:, None]) * (1.0 / self.cell)
+        _, rows, columns = self.shape
+        x, y, z = np.clip(scaled, 0.0, (self.shape - 1)[:, None]).astype(np.int64)
+        return (x * rows + y) * columns + z
+
+    def _distance_within(
+        self, points: np.ndarray, cells: np.ndarray, count: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        start = np.cumsum(count) - count
+        faces = self.faces[_ranges(self.first[cells], count)]
+        places = points.T
+        square = self.triangles.closest(np.repeat(places, count, axis=1), faces)[0]
+        least = np.minimum.reduceat(square, start)
+        hits = np.flatnonzero(square == np.repeat(least, count))
+        face = faces[hits[np.searchsorted(hits, start)]]
+        distance, normal = self.triangles.signed_distance(places, face)
+        far = self.far[cells]
+        turned = far * distance < 0.0
+        return np.where(turned, -distance, distance), np.where(turned[:, None], -normal, normal)
 
 
-def nearest_faces(surface):
-    v, f = surface.vertices, surface.faces
-    lo, hi = v.min(0), v.max(0)
-    cell = (hi - lo).max() / 32
-    origin = lo - 2 * cell
-    shape = np.ceil((hi - lo) / cell).astype(int) + 4
-    grid = np.stack(np.meshgrid(*(np.arange(k) for k in shape), indexing='ij'), -1).reshape(-1, 3)
-    tri = v[f]
-    samples = np.concatenate([tri.mean(1)] + [tri @ np.array(w) if 0 else np.einsum('fij,i->fj', tri, np.array(w)) for w in ((.6,.2,.2),(.2,.6,.2),(.2,.2,.6),(.9,.05,.05),(.05,.9,.05),(.05,.05,.9))])
-    _, k = cKDTree(samples).query(origin + (grid + .5) * cell)
-    return NearestFaces(origin, cell, shape, k % len(f))
+def nearest_faces(surface: Surface) -> NearestFaces:
+    """
+    Return the grid of a closed surface; the same one for the same vertices and faces.
+
+    Raises
+    ------
+    MeshError
+        if the surface is not closed.
+
+    """
+    digest = hashlib.blake2b(str(surface.vertices.shape).encode())
+    digest.update(surface.vertices.tobytes())
+    digest.update(surface.faces.tobytes())
+    return _cached(_Content(digest.digest(), surface))
+
+
+@dataclass(frozen=True)
+class _Content:
+    digest: bytes
+    surface: Surface = field(compare=False)
+
+
+@lru_cache(maxsize=KEPT)
+def _cached(content: _Content) -> NearestFaces:
+    return _built(content.surface)
+
+
+# -------------------------------------------------------------------------------------- triangles
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """
+    The m triangles of a closed surface.
+
+    Attributes
+    ----------
+    corner : (3, m) float
+        the first corner a of each, m
+    ab, ac : (3, m) float
+        from there to the others, m
+    pseudonormals : (m, 7, 3) float
+        unit normals of the face, of its edges ab, bc, ca and of its corners a, b, c
+
+    """
+
+    corner: np.ndarray
+    ab: np.ndarray
+    ac: np.ndarray
+    pseudonormals: np.ndarray
+
+    @cached_property
+    def products(self) -> np.ndarray:
+        """(3, m) float: ab · ab, ab · ac and ac · ac, m²."""
+        return np.stack([_dot(self.ab, self.ab), _dot(self.ab, self.ac), _dot(self.ac, self.ac)])
+
+    def closest(
+        self, points: np.ndarray, faces: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Return how far points are from faces, one from one.
+
+        Parameters
+        ----------
+        points : (3, k) float
+            m
+        faces : (k,) int
+
+        Returns
+        -------
+        square : (k,) float
+            squares of the distances, m²
+        offset : (3, k) float
+            from the closest points of the faces to the points, m
+        feature : (k,) int
+            which of the `pseudonormals` belongs to the closest point
+
+        """
+        ab, ac = self.ab[:, faces], self.ac[:, faces]
+        abab, abac, acac = self.products[:, faces]
+        offset = points - self.corner[:, faces]
+        # the names of Ericson, who calls the corners a, b, c
+        d1, d2 = _dot(ab, offset), _dot(ac, offset)
+        d3, d4, d5, d6 = d1 - abab, d2 - abac, d1 - abac, d2 - acac
+        va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+        v, w = _ratio(vb, va + vb + vc), _ratio(vc, va + vb + vc)
+        feature = np.zeros(len(faces), dtype=np.int8)
+
+        def take(which: np.ndarray, number: int, new_v: np.ndarray, new_w: np.ndarray) -> None:
+            np.copyto(v, new_v, where=which)
+            np.copyto(w, new_w, where=which)
+            np.copyto(feature, number, where=which)
+
+        none, all_ = np.zeros(1), np.ones(1)
+        d43, d56 = d4 - d3, d5 - d6
+        along = _ratio(d43, d43 + d56)
+        take((va <= 0.0) & (d43 >= 0.0) & (d56 >= 0.0), 2, 1.0 - along, along)
+        take((vb <= 0.0) & (d2 >= 0.0) & (d6 <= 0.0), 3, none, _ratio(d2, acac))
+        take((vc <= 0.0) & (d1 >= 0.0) & (d3 <= 0.0), 1, _ratio(d1, abab), none)
+        take((d6 >= 0.0) & (d5 <= d6), 6, none, all_)
+        take((d3 >= 0.0) & (d4 <= d3), 5, all_, none)
+        take((d1 <= 0.0) & (d2 <= 0.0), 4, none, none)
+        offset -= v * ab
+        offset -= w * ac
+        return _dot(offset, offset), offset, feature
+
+    def signed_distance(
+        self, points: np.ndarray, faces: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return signed distances (k,) and normals (k, 3) of points (3, k) to their faces (k,)."""
+        square, offset, feature = self.closest(points, faces)
+        pseudonormal = self.pseudonormals[faces, feature]
+        distance = np.copysign(np.sqrt(square), np.einsum('ik,ki->k', offset, pseudonormal))
+        # on the surface, where the offset is rounding, the pseudonormal is the way out
+        scale = np.abs(points).max(axis=0) + np.abs(self.corner[:, faces]).max(axis=0)
+        apart = np.abs(distance) > 1e-12 * scale
+        normal = offset.T / np.where(apart, distance, 1.0)[:, None]
+        return distance, np.where(apart[:, None], normal, pseudonormal)
+
+
+def make_triangles(surface: Surface) -> Triangles:
+    """Return the triangles of a closed surface with their pseudonormals."""
+    vertices, faces = surface.vertices, surface.faces
+    a, b, c = vertices[faces.T]
+    normal = _units(np.cross(b - a, c - a))
+    edges = np.stack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]], axis=1)
+    ends = np.sort(edges, axis=2).astype(np.int64)
+    _, edge = np.unique(ends[..., 0] * len(vertices) + ends[..., 1], return_inverse=True)
+    edge = edge.reshape(-1)
+    of_edges = _added(edge, np.repeat(normal, 3, axis=0), edge.max() + 1)[edge]
+
+    sides = _units(np.stack([b - a, c - b, a - c], axis=1))
+    cosines = -np.einsum('fsi,fsi->fs', sides, np.roll(sides, 1, axis=1))
+    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    weighted = angles[..., None] * normal[:, None]
+    of_vertices = _added(faces.ravel(), weighted.reshape(-1, 3), len(vertices))[faces]
+
+    pseudonormals = np.concatenate(
+        [normal[:, None], of_edges.reshape(-1, 3, 3), of_vertices], axis=1
+    )
+    lengths = np.linalg.norm(pseudonormals, axis=2, keepdims=True)
+    # where a surface is folded back onto itself the normals cancel
+    pseudonormals = np.where(lengths > 1e-12, pseudonormals, normal[:, None])
+    corner, ab, ac = (np.ascontiguousarray(part.T) for part in (a, b - a, c - a))
+    return Triangles(corner, ab, ac, _units(pseudonormals))
+
+
+# ------------------------------------------------------------------------------------ the grid
+def _built(surface: Surface) -> NearestFaces:
+    if not surface.closed:
+        raise MeshError(
+            'mesh is not closed, so that it has no inside: fill its holes, and let all its '
+            'triangles be seen anticlockwise from outside'
+        )
+    triangles = make_triangles(surface)
+    corners = surface.vertices[surface.faces]
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    area = 0.5 * np.linalg.norm(np.cross(triangles.ab, triangles.ac, axis=0), axis=0).sum()
+    typical_edge = np.sqrt(4 / 3**0.5 * area / len(corners))
+    longest = (high - low).max()
+    cell = float(np.clip(typical_edge, longest / MOST_CELLS, longest / FEWEST_CELLS))
+    inner = np.ceil((high - low) / cell).astype(np.int64) + 2 * MARGIN
+    origin = (low + high - inner * cell) / 2
+    axes = [origin[axis] + cell * (0.5 + np.arange(inner[axis])) for axis in range(3)]
+    centres = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, 3)
+
+    search = _Search(corners, 1.5 * cell)
+    diagonal = 3**0.5 * cell
+    reach = diagonal + search.radius
+    # from a sample: not less than from the surface
+    bound = search.tree.query(centres, distance_upper_bound=reach)[0]
+    near = np.isfinite(bound)
+    count = np.ones(len(centres), dtype=np.int64)
+    far_faces, distance = _face_of_far_cells(centres[~near], search, triangles)
+    near_faces, count[near] = _faces_of_near_cells(
+        centres[near], bound[near], diagonal, search, triangles
+    )
+    of_near = np.repeat(near, count)
+    faces = np.empty(len(of_near), dtype=np.int32)
+    faces[of_near], faces[~of_near] = near_faces, far_faces
+    side = np.zeros(len(centres), dtype=np.int8)
+    side[~near] = np.where(distance < 0.0, -1, 1)
+    side = _same_in_each_part(side.reshape(inner))
+
+    padded_count = np.pad(count.reshape(inner), 1).ravel()
+    first = np.concatenate([[0], np.cumsum(padded_count)])
+    nearest_face = np.full(len(padded_count), -1, dtype=np.int32)
+    nearest_face[padded_count > 0] = faces[np.cumsum(count) - count]
+    return NearestFaces(
+        triangles,
+        low,
+        high,
+        origin - cell,
+        cell,
+        inner + 2,
+        first,
+        faces,
+        nearest_face,
+        np.pad(side, 1, constant_values=1).ravel(),
+    )
+
+
+class _Search:
+    """Points on all triangles, so close that each triangle is within `radius` of its own."""
+
+    def __init__(self, corners: np.ndarray, spacing: float) -> None:
+        pieces, parents = _split(corners, spacing)
+        samples = pieces.mean(axis=1)
+        self.radius = float(np.linalg.norm(pieces - samples[:, None], axis=2).max())
+        self.tree = cKDTree(samples)
+        self.parent = parents
+
+
+def _split(corners: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangles (m, 3, 3), their edges halved until none is too long; and parents."""
+    pieces, parents = [], []
+    parent = np.arange(len(corners))
+    while len(corners):
+        lengths = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        edge = lengths.argmax(axis=1)
+        large = lengths.max(axis=1) > longest
+        pieces.append(corners[~large])
+        parents.append(parent[~large])
+        order = (edge[large, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(corners[large], order[..., None], axis=1).swapaxes(0, 1)
+        middle = (a + b) / 2
+        corners = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+        parent = np.tile(parent[large], 2)
+    return np.concatenate(pieces), np.concatenate(parents)
+
+
+def _face_of_far_cells(
+    centres: np.ndarray, search: _Search, triangles: Triangles
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the face (k,) nearest to each centre and its signed distance (k,)."""
+    if not len(centres):
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    few = min(4, search.tree.n)
+    _, samples = search.tree.query(centres, k=list(range(1, few + 1)))
+    faces = search.parent[samples]
+    square = triangles.closest(np.repeat(centres.T, few, axis=1), faces.ravel())[0]
+    best = square.reshape(faces.shape).argmin(axis=1)
+    face = faces[np.arange(len(faces)), best]
+    return face, triangles.signed_distance(centres.T, face)[0]
+
+
+def _faces_of_near_cells(
+    centres: np.ndarray,
+    bound: np.ndarray,
+    diagonal: float,
+    search: _Search,
+    triangles: Triangles,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the faces that can be nearest to a point of each cell, nearest first, and their numbers.
+
+    A face that is nearest to a point of a cell is not further from the centre than the nearest
+    face of the centre and a diagonal. `bound` (k,) is not less than the distance of the latter.
+    """
+    faces, counts = [], []
+    for start in range(0, len(centres), BLOCK):
+        block = centres[start : start + BLOCK]
+        radius = bound[start : start + BLOCK] + diagonal + search.radius
+        found = search.tree.query_ball_point(block, radius, return_sorted=False)
+        count = np.fromiter(map(len, found), np.int64, len(found))
+        samples = np.fromiter(chain.from_iterable(found), np.int64, count.sum())
+        cell = np.repeat(np.arange(len(block)), count)
+        # several samples may be of the same face
+        links = coo_array(
+            (np.ones(len(cell), dtype=bool), (cell, search.parent[samples])),
+            shape=(len(block), triangles.corner.shape[1]),
+        ).tocsr()
+        count, face = np.diff(links.indptr), links.indices
+        cell = np.repeat(np.arange(len(block)), count)
+        distance = np.sqrt(triangles.closest(block.T[:, cell], face)[0])
+        least = np.minimum.reduceat(distance, links.indptr[:-1])
+        kept = np.flatnonzero(distance <= (least + diagonal)[cell])
+        kept = kept[np.lexsort((distance[kept], cell[kept]))]
+        faces.append(face[kept])
+        counts.append(np.bincount(cell[kept], minlength=len(block)))
+    return np.concatenate(faces), np.concatenate(counts)
+
+
+def _same_in_each_part(side: np.ndarray) -> np.ndarray:
+    """Return the signs of far cells, of which connected ones are on the same side, by majority."""
+    result = np.zeros_like(side)
+    parts, number = ndimage.label(side)
+    votes = ndimage.sum_labels(side.astype(np.float64), parts, np.arange(number + 1))
+    far = side != 0
+    result[far] = np.where(votes < 0.0, -1, 1)[parts[far]]
+    return result
+
+
+# ------------------------------------------------------------------------------------- arithmetic
+def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return first[0], first[0] + 1, … (count[0] of them), first[1], …."""
+    start = np.cumsum(count) - count
+    return np.arange(count.sum()) + np.repeat(first - start, count)
+
+
+def _added(index: np.ndarray, vectors: np.ndarray, size: int) -> np.ndarray:
+    """Return (size, 3): the sums of vectors (k, 3) that have the same index (k,)."""
+    return np.stack([np.bincount(index, column, size) for column in vectors.T], axis=1)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum('ik,ik->k', a, b)
+
+
+def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    return part / np.where(whole != 0.0, whole, 1.0)
+
+
+def _units(vectors: np.ndarray) -> np.ndarray:
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(lengths > 0.0, lengths, 1.0)

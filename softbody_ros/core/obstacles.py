@@ -4,12 +4,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core.config import ConfigError, ObstacleConfig
+from softbody_ros.core.mesh import PRIMITIVES, MeshError, Surface, make_surface
+from softbody_ros.core.nearest_faces import NearestFaces, nearest_faces
 
 
 @dataclass(frozen=True)
@@ -24,12 +28,18 @@ class Obstacle:
         m
     rotation : (3, 3) float
         its axes in world coordinates, as columns
+    faces : NearestFaces or None
+        of a mesh, of half extent 1 unless the config has a `Surface`
+    before : (position, rotation) or None
+        at the tick before, if it has moved since
 
     """
 
     config: ObstacleConfig
     position: np.ndarray
     rotation: np.ndarray
+    faces: NearestFaces | None = None
+    before: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def moves(self) -> bool:
@@ -43,34 +53,108 @@ class Obstacle:
         spin = np.cross(self.config.velocity_angular, points - self.position)
         return np.array(self.config.velocity_linear) + spin
 
+    # --------------------------------------------------------------------------- in its own frame
+    @cached_property
+    def half_extents(self) -> np.ndarray:
+        """(3,) float: of a box in its frame, centred at its origin, that it is in, m."""
+        if self.faces is not None:
+            return self._scale * np.maximum(np.abs(self.faces.low), np.abs(self.faces.high))
+        radius, _, half_length = size = self.config.size
+        if self.config.type == 'sphere':
+            return np.full(3, radius)
+        if self.config.type == 'capsule':
+            return np.array([radius, radius, max(radius, half_length)])
+        if self.config.type == 'cylinder':
+            return np.array([radius, radius, half_length])
+        return np.array(size if self.config.type == 'box' else (np.inf,) * 3)
 
-def placed(config: ObstacleConfig) -> Obstacle:
+    @cached_property
+    def radius(self) -> float:
+        """Of a ball about its origin that it is in, m; infinite for a plane."""
+        if self.config.type == 'sphere':
+            return self.config.size[0]
+        return float(np.linalg.norm(self.half_extents))
+
+    @cached_property
+    def slow(self) -> float:
+        """
+        Displacement in a tick that cannot lead a particle to the wrong side, m.
+
+        A particle that starts at the surface and goes no further than half of the way to the
+        middle is still nearest to the side on which it was. A mesh may be thin anywhere.
+        """
+        share = 1e-6 if self.config.type == 'mesh' else 0.5
+        return share * float(self.half_extents.min())
+
+    def distance(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return signed distances (k,) and outward normals (k, 3) of points (k, 3)."""
+        if self.faces is None:
+            return SIGNED_DISTANCE[self.config.type](local, np.array(self.config.size))
+        distance, normal = self.faces.distance(local / self._scale)
+        return self._scale * distance, normal
+
+    def at_least(self, distance: np.ndarray) -> np.ndarray:
+        """Return lower bounds (k,) of the true distances, from those of `distance`."""
+        if self.faces is None:
+            return distance
+        return self._scale * self.faces.at_least(distance / self._scale)
+
+    def is_clear(self, local: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Return (k,) bool: points (k, 3) surely not nearer than distances (k,); a quick test."""
+        if self.faces is None:
+            return np.zeros(len(local), dtype=bool)
+        far = self._scale * self.faces.exact_to > distance
+        return far & self.faces.is_clear(local / self._scale)
+
+    @property
+    def _scale(self) -> float:
+        return 1.0 if isinstance(self.config.mesh, Surface) else self.config.size[0]
+
+
+def made(config: ObstacleConfig) -> Obstacle:
     """
     Return an obstacle at the pose of its config.
 
     Raises
     ------
-    ConfigError
-        if the type is not available yet.
+    ConfigError, MeshError
+        if it has no mesh and needs one, or it cannot be read or is not closed.
 
     """
-    if config.type not in SIGNED_DISTANCE:
+    if config.type != 'mesh':
+        return placed(config)
+    if config.mesh == '':
         raise ConfigError(
-            f'{config.prefix}type is {config.type!r}: that shape is not available yet, '
-            f'choose one of {", ".join(SIGNED_DISTANCE)}'
+            f"{config.prefix}mesh is '': type mesh needs a primitive "
+            f'({", ".join(PRIMITIVES)}) or a file'
         )
+    try:
+        surface = config.mesh
+        if not isinstance(surface, Surface):
+            surface = make_surface(surface, 1.0, config.subdivisions)
+        return placed(config, nearest_faces(surface))
+    except MeshError as error:
+        raise MeshError(f'{config.prefix}{error}') from None
+
+
+def placed(config: ObstacleConfig, faces: NearestFaces | None = None) -> Obstacle:
+    """Return an obstacle at the pose of its config, if a mesh then with these faces."""
     rotation = Rotation.from_quat(config.orientation).as_matrix()
-    return Obstacle(config, np.array(config.position), rotation)
+    return Obstacle(config, np.array(config.position), rotation, faces)
 
 
 def moved(obstacle: Obstacle, h: float) -> Obstacle:
     """Return an obstacle after h seconds at its own velocity."""
     config = obstacle.config
     if not obstacle.moves:
-        return obstacle
+        return obstacle if obstacle.before is None else dataclasses.replace(obstacle, before=None)
     turn = Rotation.from_rotvec(h * np.array(config.velocity_angular)).as_matrix()
-    position = obstacle.position + h * np.array(config.velocity_linear)
-    return Obstacle(config, position, turn @ obstacle.rotation)
+    return dataclasses.replace(
+        obstacle,
+        position=obstacle.position + h * np.array(config.velocity_linear),
+        rotation=turn @ obstacle.rotation,
+        before=(obstacle.position, obstacle.rotation),
+    )
 
 
 # ------------------------------------------------------------------------------- signed distances
@@ -108,6 +192,18 @@ def box_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.n
     return np.where(depth > 0.0, gap, depth), np.copysign(normals, points)
 
 
+def cylinder_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cylinder along z of radius size[0] and half length size[2]."""
+    radial = points * (1.0, 1.0, 0.0)
+    radii = np.linalg.norm(radial, axis=1)
+    # a box in the half plane of the axis and the point
+    flat = np.stack([radii, np.zeros(len(points)), points[:, 2]], axis=1)
+    distance, normal = box_distance(flat, np.array([size[0], np.inf, size[2]]))
+    normals = normal[:, :1] * _unit(radial, radii)
+    normals[:, 2] = normal[:, 2]
+    return distance, normals
+
+
 def _unit(vectors: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     sideways = np.array([1.0, 0.0, 0.0])  # the way out from the axis of a capsule
     safe = np.where(lengths > 0.0, lengths, 1.0)[:, None]
@@ -119,4 +215,5 @@ SIGNED_DISTANCE = {
     'box': box_distance,
     'sphere': sphere_distance,
     'capsule': capsule_distance,
+    'cylinder': cylinder_distance,
 }

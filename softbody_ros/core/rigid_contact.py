@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.contact import Contacts, find, joined
+from softbody_ros.core.contact import NO_CONTACTS, Contacts, find, joined, nearby
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import Particles, Tick
@@ -38,18 +38,21 @@ def meet(particles: Particles, obstacles: Sequence[Obstacle], tick: Tick) -> Non
     if not obstacles or not tick.gains.rigid.any():
         return
 
-    def touching(obstacle: Obstacle) -> Contacts:
-        contacts = find(particles.x, obstacle, tick.gains.thickness)
-        return contacts.where(tick.gains.rigid[contacts.body])
+    def touching() -> Iterator[Contacts]:
+        near = nearby(particles, obstacles, tick.gains.thickness)
+        for obstacle, bodies in zip(obstacles, near, strict=True):
+            bodies = bodies[tick.gains.rigid[bodies]]
+            if len(bodies):
+                yield find(particles.x, obstacle, tick.gains.thickness, particles.start, bodies)
 
-    contacts = joined([touching(obstacle) for obstacle in obstacles])
+    contacts = joined([NO_CONTACTS, *touching()])
     if not len(contacts):
         return
     for body in np.unique(contacts.body):
         collide(particles, int(body), contacts.where(contacts.body == body), tick)
     for _ in range(PUSH_OUT_ROUNDS):
-        for obstacle in obstacles:
-            _push_out(particles.x, touching(obstacle))
+        for found in touching():
+            _push_out(particles.x, found)
 
 
 def collide(particles: Particles, body: int, contacts: Contacts, tick: Tick) -> None:

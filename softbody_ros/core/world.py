@@ -106,7 +106,7 @@ class World:
         self.config = config
         self.tick = 0
         self._dtype = dtype
-        self._obstacles: tuple[Obstacle, ...] = ()
+        self._obstacles = tuple(obstacles.made(item) for item in config.obstacles)
         self._index = {body.name: index for index, body in enumerate(config.bodies)}
         self._members = _members_by_shape(config.bodies)
         self._place = {
@@ -209,7 +209,10 @@ class World:
     def reset(self) -> None:
         """Return to tick 0: rest shapes at their start poses, initial velocities, no dents."""
         self.tick = 0
-        self._obstacles = tuple(obstacles.placed(item) for item in self.config.obstacles)
+        self._obstacles = tuple(
+            obstacles.placed(config, current.faces)
+            for config, current in zip(self.config.obstacles, self._obstacles, strict=True)
+        )
         self._batches = []
         for names, rest, parts in zip(self._members, self._rests, self._regions, strict=True):
             x = np.stack([_start_positions(self.body_config(name), rest) for name in names])
@@ -284,7 +287,7 @@ class World:
         """Return to the state of a snapshot of this world."""
         self.tick = snapshot.tick
         self._obstacles = tuple(
-            Obstacle(config, saved.position, saved.rotation)
+            dataclasses.replace(saved, config=config)
             for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
         )
         self._watched = [watched.copy() for watched in snapshot.watched]
@@ -472,13 +475,13 @@ def _twist(linear: np.ndarray, angular: np.ndarray, arms: np.ndarray) -> np.ndar
 
 
 def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
-    target = obstacles.placed(config)
+    target = obstacles.placed(config, current.faces)
     same_pose = (
         current.config.position == target.config.position
         and current.config.orientation == target.config.orientation
     )
     if same_pose:
-        return Obstacle(target.config, current.position, current.rotation)
+        return dataclasses.replace(current, config=config)
     return target
 
 
