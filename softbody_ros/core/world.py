@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import dynamics, matching, obstacles, plasticity, rigid_motion, sleep
+from softbody_ros.core import dynamics, matching, obstacles, plasticity, poke, rigid_motion, sleep
 from softbody_ros.core.config import (
     BodyConfig,
     ConfigError,
@@ -21,10 +21,12 @@ from softbody_ros.core.config import (
     unknown_name,
 )
 from softbody_ros.core.dynamics import Batch
-from softbody_ros.core.gains import Gains, make_gains
+from softbody_ros.core.gains import Gains, make_gains, natural_frequency
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.outside import EVERY_BODY, Outside, Placement, Removal, Wrench, ticks_of
 from softbody_ros.core.pins import Pins, make_pins, pinned_particles
+from softbody_ros.core.point_obstacles import PointObstacles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 from softbody_ros.core.sleep import Stillness
@@ -42,13 +44,14 @@ class Snapshot:
     plastic: tuple[np.ndarray | None, ...]
     watched: tuple[Stillness, ...]
     obstacles: tuple[Obstacle, ...]
+    outside: Outside
 
     @property
     def nbytes(self) -> int:
         """Memory that it takes."""
         arrays = [*self.x, *self.v, *(array for array in self.plastic if array is not None)]
         arrays += [watched.anchor for watched in self.watched]
-        return sum(array.nbytes for array in arrays)
+        return sum(array.nbytes for array in arrays) + self.outside.nbytes
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,7 @@ class World:
         self.tick = 0
         self._dtype = dtype
         self._obstacles: tuple[Obstacle, ...] = ()
+        self._outside = Outside()
         self._index = {body.name: index for index, body in enumerate(config.bodies)}
         self._members = _members_by_shape(config.bodies)
         self._place = {
@@ -142,9 +146,12 @@ class World:
             if a number would not be finite; the state is that of the last good tick.
 
         """
-        gravity, h = self.config.gravity, self.config.time_step
+        h = self.config.time_step
         for _ in range(ticks):
+            gravity, outside = self.gravity, self._outside.moved(h)
             moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
+            there = moved + outside.obstacles
+            self._push()
             computed = []
             for batch, watched, gains, pinned, names in zip(
                 self._batches,
@@ -159,7 +166,7 @@ class World:
                     continue
                 try:
                     with np.errstate(over='ignore', invalid='ignore'):
-                        dynamics.step_awake(batch, awake, gains, pinned, gravity, moved, h)
+                        dynamics.step_awake(batch, awake, gains, pinned, gravity, there, h)
                     computed.append(batch)
                 except (SimulationError, np.linalg.LinAlgError) as error:
                     raise SimulationError(
@@ -169,8 +176,9 @@ class World:
                     ) from error
             for batch in computed:
                 batch.swap()
-            self._obstacles = moved
+            self._obstacles, self._outside = moved, outside
             self.tick += 1
+            self._let(self._outside.at(self.tick))
             if self.tick % max(round(sleep.WATCH / h), 1) == 0:
                 self._watch()
 
@@ -178,11 +186,17 @@ class World:
         for batch, watched, gains, pinned in zip(
             self._batches, self._watched, self._gains, self._pinned, strict=True
         ):
-            sleep.watch(watched, batch.x, batch.v, batch.rest, gains, self._obstacles, pinned)
+            sleep.watch(watched, batch.x, batch.v, batch.rest, gains, self.obstacles, pinned)
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
-        """Return to tick 0: rest shapes at their start poses, initial velocities, no dents."""
+        """
+        Return to tick 0: rest shapes at their start poses, initial velocities, no dents.
+
+        What others have put in the way is theirs and stays there; wrenches and a gravity of their
+        own end.
+        """
+        self._outside = self._outside.begun_anew(self.tick)
         self.tick = 0
         self._obstacles = tuple(obstacles.placed(item) for item in self.config.obstacles)
         self._batches = []
@@ -253,6 +267,7 @@ class World:
             tuple(batch.plastic for batch in self._batches),
             tuple(watched.copy() for watched in self._watched),
             self._obstacles,
+            self._outside,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -262,11 +277,147 @@ class World:
             Obstacle(config, saved.position, saved.rotation)
             for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
         )
+        self._outside = snapshot.outside
         self._watched = [watched.copy() for watched in snapshot.watched]
         for batch, x, v, plastic in zip(
             self._batches, snapshot.x, snapshot.v, snapshot.plastic, strict=True
         ):
             batch.x[:], batch.v[:], batch.plastic = x, v, plastic
+
+    # -------------------------------------------------------------------------- from the outside
+    def change_obstacles(
+        self, changes: Iterable[Placement | Removal], longest_gap: float = 0.5
+    ) -> None:
+        """
+        Let others put obstacles in the way, move them, or take them away.
+
+        Poses that are said one after the other make a velocity, with which an obstacle moves on;
+        see `Outside.changed`.
+
+        Parameters
+        ----------
+        changes : iterable of Placement and Removal
+        longest_gap : float
+            between two poses that make a velocity, and time for which it is kept up, s
+
+        """
+        h = self.config.time_step
+        self._let(self._outside.changed(changes, self.tick, longest_gap, h))
+
+    def set_points(self, points: PointObstacles) -> None:
+        """Let other points be in the way, instead of those before."""
+        before, self._outside = self._outside.points, self._outside.with_points(points)
+        for name, (batch, row) in self._place.items():
+            state = self._batches[batch]
+            x = state.x[row]
+            box = x.min(axis=1), x.max(axis=1)
+            margin = self.body_config(name).thickness + sleep.QUIET * state.rest.scale
+            near = points.within(*box, margin)
+            if not np.array_equal(near, before.within(*box, margin)):
+                self._wake(name)
+
+    def apply_wrench(
+        self,
+        name: str | None,
+        force: np.ndarray,
+        torque: np.ndarray,
+        seconds: float,
+        in_body_axes: bool = False,
+    ) -> None:
+        """
+        Push and turn a body at its centre of mass for some time, instead of the wrench before.
+
+        It acts at every point of the body like gravity, as a rigid field: it moves and turns the
+        body and does not deform it. Momentum and angular momentum that it gives are exact. A zero
+        wrench ends it at once.
+
+        Parameters
+        ----------
+        name : str or None
+            of the body; None is each of all bodies, besides what acts on them alone
+        force, torque : (3,) float
+            N, N m
+        seconds : float
+        in_body_axes : bool
+            whether both turn with the body, or are in world axes
+
+        """
+        if name is not None:
+            self._require_body(name)
+        ends_at = self.tick + ticks_of(seconds, self.config.time_step)
+        force, torque = np.array(force, dtype=float), np.array(torque, dtype=float)
+        wrench = Wrench(force, torque, in_body_axes, ends_at)
+        self._let(self._outside.with_wrench(EVERY_BODY if name is None else name, wrench))
+
+    def override_gravity(self, gravity: np.ndarray, seconds: float) -> None:
+        """Let another gravity, m/s², act for some time instead of the config's."""
+        ends_at = self.tick + ticks_of(seconds, self.config.time_step)
+        self._let(self._outside.with_gravity(np.array(gravity, dtype=float), ends_at))
+
+    def poke(self, point: np.ndarray, impulse: float, radius: float) -> str:
+        """
+        Poke the surface that is nearest to a point, inwards; see `poke.velocity_change`.
+
+        Parameters
+        ----------
+        point : (3,) float
+            m
+        impulse : float
+            N s
+        radius : float
+            of the spot, m
+
+        Returns
+        -------
+        str
+            the name of the body, '' if none is within the radius
+
+        """
+        name, distance = self.nearest(point)
+        if distance >= radius:
+            return ''
+        batch, row = self._state(name)
+        body, x = self.body_config(name), batch.x[row].astype(np.float64)
+        frequency = 0.0
+        if body.mode != 'rigid':
+            frequency = natural_frequency(body.stiffness, self.config.reference_step)
+        batch.v[row] += poke.velocity_change(
+            x, batch.rest, point, radius, impulse / body.mass, frequency
+        )
+        self._wake(name)
+        return name
+
+    def nearest(self, point: np.ndarray) -> tuple[str, float]:
+        """Return the body that has a particle nearest to a point, and its distance, m."""
+        distances = {
+            name: float(np.linalg.norm(self.positions(name) - point, axis=1).min())
+            for name in self.names
+        }
+        name = min(distances, key=lambda name: distances[name])
+        return name, distances[name]
+
+    def _let(self, outside: Outside) -> None:
+        """Let something act from now on; bodies wake up if they notice it."""
+        before, gravity, self._outside = self._outside, self.gravity, outside
+        if not outside.same_guests(before) or (gravity != self.gravity).any():
+            for name in self._place:
+                self._wake(name)
+
+    def _push(self) -> None:
+        """Give the batches their wrenches; whoever is pushed is awake."""
+        wrenches = self._outside.wrenches
+        for batch, names in zip(self._batches, self._members, strict=True):
+            batch.push = None
+            if not wrenches:
+                continue
+            batch.push = np.zeros((len(names), 2, 2, 3))
+            for row, name in enumerate(names):
+                for wrench in (wrenches.get(EVERY_BODY), wrenches.get(name)):
+                    if wrench is not None:
+                        both = np.stack([wrench.force, wrench.torque])
+                        batch.push[row, int(wrench.in_body_axes)] += both
+                        self._wake(name)
+                batch.push[row] /= self.body_config(name).mass
 
     # ----------------------------------------------------------------------------------- config
     def configure(self, config: WorldConfig) -> None:
@@ -339,6 +490,15 @@ class World:
         return [[config.bodies[self._index[name]] for name in names] for names in self._members]
 
     # ---------------------------------------------------------------------------------- queries
+    def contact_wrench(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the total force (3,), N, and torque (3,), N m, of all contacts of a body.
+
+        World axes, at the centre of mass; zero where nothing touches.
+        """
+        self._require_body(name)
+        return np.zeros(3), np.zeros(3)  # STUB: the sums over the contacts of the last tick
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the bodies, in the order of the config."""
@@ -346,8 +506,24 @@ class World:
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """The obstacles where they are now."""
-        return self._obstacles
+        """The obstacles where they are now: those of the config, then those of others."""
+        return self._obstacles + self._outside.obstacles
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """(3,) float: the gravity that acts now, m/s²."""
+        override = self._outside.gravity
+        return self.config.gravity if override is None else override
+
+    @property
+    def point_obstacles(self) -> PointObstacles:
+        """The points that are in the way."""
+        return self._outside.points
+
+    @property
+    def outside(self) -> Outside:
+        """What others do to this world."""
+        return self._outside
 
     def rest_shape(self, name: str) -> RestShape:
         """Return the rest shape of a body."""
