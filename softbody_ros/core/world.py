@@ -9,6 +9,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import dynamics, matching, obstacles, plasticity, poke, rigid_motion, sleep
@@ -319,8 +320,8 @@ class World:
     def apply_wrench(
         self,
         name: str | None,
-        force: np.ndarray,
-        torque: np.ndarray,
+        force: ArrayLike,
+        torque: ArrayLike,
         seconds: float,
         in_body_axes: bool = False,
     ) -> None:
@@ -349,12 +350,12 @@ class World:
         wrench = Wrench(force, torque, in_body_axes, ends_at)
         self._let(self._outside.with_wrench(EVERY_BODY if name is None else name, wrench))
 
-    def override_gravity(self, gravity: np.ndarray, seconds: float) -> None:
+    def override_gravity(self, gravity: ArrayLike, seconds: float) -> None:
         """Let another gravity, m/s², act for some time instead of the config's."""
         ends_at = self.tick + ticks_of(seconds, self.config.time_step)
         self._let(self._outside.with_gravity(np.array(gravity, dtype=float), ends_at))
 
-    def poke(self, point: np.ndarray, impulse: float, radius: float) -> str:
+    def poke(self, point: ArrayLike, impulse: float, radius: float) -> str:
         """
         Poke the surface that is nearest to a point, inwards; see `poke.velocity_change`.
 
@@ -382,15 +383,15 @@ class World:
         if body.mode != 'rigid':
             frequency = natural_frequency(body.stiffness, self.config.reference_step)
         batch.v[row] += poke.velocity_change(
-            x, batch.rest, point, radius, impulse / body.mass, frequency
+            x, batch.rest, np.array(point), radius, impulse / body.mass, frequency
         )
         self._wake(name)
         return name
 
-    def nearest(self, point: np.ndarray) -> tuple[str, float]:
+    def nearest(self, point: ArrayLike) -> tuple[str, float]:
         """Return the body that has a particle nearest to a point, and its distance, m."""
         distances = {
-            name: float(np.linalg.norm(self.positions(name) - point, axis=1).min())
+            name: float(np.linalg.norm(self.positions(name) - np.array(point), axis=1).min())
             for name in self.names
         }
         name = min(distances, key=lambda name: distances[name])
