@@ -18,8 +18,10 @@ from softbody_ros.core import Snapshot, World, WorldConfig
 
 INTERVAL = 0.25
 """Simulated seconds between two snapshots while they are dense."""
-MOST_ACTIONS = 10_000
+MOST_ACTIONS = 100_000
 """Beyond so many the oldest are forgotten: times before them come back without them."""
+LEAST_ACTION_BYTES = 8 * 2**20
+"""What actions may take however little memory there is: without any the past would be another."""
 
 Action = Callable[[World], None]
 
@@ -30,6 +32,7 @@ class Note:
 
     tick: int
     action: Action
+    nbytes: int = 0
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,8 @@ class History:
     world : World
         its present state is the beginning, which is never forgotten
     memory : float
-        bytes that snapshots may take; at least the beginning is kept
+        bytes that snapshots and what has acted on the world may take, the latter half of them; at
+        least the beginning is kept
 
     """
 
@@ -65,7 +69,8 @@ class History:
     def begin(self, world: World) -> None:
         """Forget everything: the present state is the beginning."""
         self._pages = [Page(world.snapshot(), world.config)]
-        self._notes: deque[Note] = deque(maxlen=MOST_ACTIONS)
+        self._notes: deque[Note] = deque()
+        self._noted = 0
 
     @property
     def beginning(self) -> Page:
@@ -79,12 +84,20 @@ class History:
 
     @property
     def nbytes(self) -> int:
-        """Memory that the snapshots take."""
-        return sum(page.snapshot.nbytes for page in self._pages)
+        """Memory that the snapshots take, and what has acted on the world."""
+        return sum(page.snapshot.nbytes for page in self._pages) + self._noted
 
-    def note(self, tick: int, action: Action) -> None:
-        """Remember what acts on the world at a tick."""
-        self._notes.append(Note(tick, action))
+    @property
+    def most_for_actions(self) -> float:
+        """Bytes that what has acted on the world may take."""
+        return max(0.5 * self.memory, LEAST_ACTION_BYTES)
+
+    def note(self, tick: int, action: Action, nbytes: int = 0) -> None:
+        """Remember what acts on the world at a tick, and how much memory it takes."""
+        self._notes.append(Note(tick, action, nbytes))
+        self._noted += nbytes
+        while len(self._notes) > MOST_ACTIONS or self._noted > self.most_for_actions:
+            self._noted -= self._notes.popleft().nbytes
 
     def record(self, world: World) -> None:
         """Take a snapshot if the tick of the world is one for it."""
@@ -98,7 +111,8 @@ class History:
 
     def _thin_out(self) -> None:
         """Forget those snapshots whose gap, once they are gone, is smallest for its age."""
-        excess, now = self.nbytes - self.memory, self._pages[-1].tick
+        free = self.memory - min(self._noted, 0.5 * self.memory)
+        excess, now = self.nbytes - self._noted - free, self._pages[-1].tick
         while excess > 0 and len(self._pages) > 2:
             gaps = [
                 (after.tick - before.tick) / (now - before.tick)
@@ -121,7 +135,7 @@ class History:
             self._pages.pop()
         page = self._pages[-1]
         while self._notes and self._notes[-1].tick >= tick:
-            self._notes.pop()
+            self._noted -= self._notes.pop().nbytes
         world.configure(page.config)
         world.restore(page.snapshot)
         return deque(note for note in self._notes if note.tick >= page.tick)

@@ -15,6 +15,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -155,6 +156,16 @@ def odometry(stamp: int, frame_id: str, body: str, fit: RigidFit) -> Odometry:
     _fill(message.pose.pose.orientation, 'xyzw', quaternion)
     _fill(message.twist.twist.linear, 'xyz', fit.linear_velocity @ fit.rotation)
     _fill(message.twist.twist.angular, 'xyz', fit.angular_velocity @ fit.rotation)
+    return message
+
+
+def wrench(stamp: int, frame_id: str, force: np.ndarray, torque: np.ndarray) -> WrenchStamped:
+    """Return a force (3,), N, and a torque (3,), N m."""
+    message = WrenchStamped()
+    message.header.stamp = time_message(stamp)
+    message.header.frame_id = frame_id
+    _fill(message.wrench.force, 'xyz', force)
+    _fill(message.wrench.torque, 'xyz', torque)
     return message
 
 

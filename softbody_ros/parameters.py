@@ -58,6 +58,21 @@ class NodeConfig(Checked):
     )  # fmt: skip
     step_count: int = setting(1, 'ticks per call of ~/step', minimum=1, maximum=1_000_000)
 
+    input_timeout: float = setting(
+        0.5, 'simulated time for which ~/wrench, ~/gravity and the velocities of ~/obstacles act '
+        'without another message', unit='s', minimum=1e-3, maximum=1e4,
+    )  # fmt: skip
+    obstacle_points_radius: float = setting(
+        0.02, 'of the spheres by which the points of ~/obstacle_points push', unit='m',
+        minimum=1e-4, maximum=1e3, group='obstacle_points',
+    )  # fmt: skip
+    poke_radius: float = setting(
+        0.15, 'of the spot that ~/poke pokes', unit='m', minimum=1e-4, maximum=1e3, group='poke'
+    )
+    poke_impulse: float = setting(
+        1.5, 'momentum that it gives, inwards', unit='N s', minimum=0.0, maximum=1e6, group='poke'
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.frame_id:
@@ -248,7 +263,7 @@ def markdown() -> str:
 def _default_text(default: Any) -> str:
     if isinstance(default, tuple):
         return '[' + ', '.join(_default_text(item) for item in default) + ']'
-    if isinstance(default, float) and 0.0 < default < 0.1:
+    if isinstance(default, float) and 0.0 < default < 0.01:
         return f'1/{1 / default:g}'
     return f'{default:g}' if isinstance(default, float) else str(default)
 

@@ -13,6 +13,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -38,6 +39,7 @@ from softbody_ros import messages, parameters, standard_server
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
 from softbody_ros.core.config import unknown_name
 from softbody_ros.core.gains import damping_ratio, natural_frequency
+from softbody_ros.input_topics import InputTopics
 from softbody_ros.standard_services import Simulation
 from softbody_ros.stepping import MEBIBYTE, Stepper
 
@@ -81,6 +83,8 @@ class SimNode(Node):
         self._declare_parameters()
         self._create_publishers()
         self._create_services()
+        self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node)
+        self._gravity_source = self._inputs.gravity_source
         self._publish_rest_mesh()
         self._start_clocks()
         self._announce()
@@ -161,6 +165,11 @@ class SimNode(Node):
         # one message per body and frame: a shallower queue would cut frames
         self._mesh = publisher(Marker, '~/mesh', max(10, 2 * bodies))
         self._odometry = publisher(Odometry, '~/odometry', max(10, 2 * bodies))
+        self._contacts = publisher(WrenchStamped, '~/contacts', max(10, 2 * bodies))
+        self._contacts_of = {
+            name: publisher(WrenchStamped, f'~/contacts/{name}', 10) for name in self._world.names
+        }
+        self._touching: set[str] = set()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', latched)
@@ -331,6 +340,8 @@ class SimNode(Node):
         if 'points' in outputs and self._odometry.get_subscription_count():
             for name in self._world.names:
                 self._odometry.publish(messages.odometry(stamp, self._frame_id, name, fit(name)))
+        if 'points' in outputs:
+            self._publish_contacts(stamp)
         if 'mesh' in outputs and self._mesh.get_subscription_count():
             self._publish_mesh(stamp, positions)
         self._publish_seconds += time.perf_counter() - begin
@@ -344,6 +355,18 @@ class SimNode(Node):
         bodies = [(positions(name), fit(name).displacement) for name in self._world.names]
         records = messages.points_array(bodies)
         self._points.publish(messages.serialized_cloud(stamp, self._frame_id, records))
+
+    def _publish_contacts(self, stamp: int) -> None:
+        """Publish what bodies feel of their contacts; zero, once, for those that feel no more."""
+        for name in self._world.names:
+            force, torque = self._world.contact_wrench(name)
+            touched, touches = name in self._touching, bool(force.any() or torque.any())
+            (self._touching.add if touches else self._touching.discard)(name)
+            if not (touched or touches):
+                continue
+            for publisher in (self._contacts, self._contacts_of[name]):
+                if publisher.get_subscription_count():
+                    publisher.publish(messages.wrench(stamp, self._frame_id, force, torque))
 
     def _publish_mesh(self, stamp: int, positions: Callable[[str], np.ndarray]) -> None:
         for name in self._world.names:
@@ -411,6 +434,12 @@ class SimNode(Node):
             'tick': str(now.tick),
             'simulated time (s)': f'{self._world.time:.3f}',
         }
+        values |= self._inputs.report()
+        if self._gravity_source != self._inputs.gravity_source:
+            self._gravity_source = self._inputs.gravity_source
+            self.get_logger().info(
+                f'gravity is now {values["gravity (m/s²)"]} m/s², from {self._gravity_source}'
+            )
         for body in self._world.config.bodies:
             omega = natural_frequency(body.stiffness, self._world.config.reference_step)
             values[f'{body.name} frequency (Hz)'] = f'{omega / (2 * np.pi):.3f}'

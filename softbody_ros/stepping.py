@@ -96,7 +96,7 @@ class Stepper:
         # on the way back to a tick that has been: what acts again, and what has to wait until then
         self._replay: deque[Note] = deque()
         self._replay_end = 0
-        self._waiting: list[Action] = []
+        self._waiting: list[tuple[Action, int]] = []
         self._config = world.config
 
     # ------------------------------------------------------------------------------ tick and time
@@ -137,13 +137,26 @@ class Stepper:
         return max(self._segments[-1].tick_at(now), self._replay_end)
 
     # ----------------------------------------------------------------------------------- commands
-    def act(self, action: Action) -> None:
-        """Do something to the world, and remember it for the next time that the tick comes."""
+    def act(self, action: Action, nbytes: int = 0) -> None:
+        """
+        Do something to the world, and remember it for the next time that the tick comes.
+
+        Parameters
+        ----------
+        action : callable
+            it must not change, nor what it refers to
+        nbytes : int
+            memory that it takes
+
+        """
         if self.replaying:
-            self._waiting.append(action)
+            self._waiting.append((action, nbytes))
+            # a way back may be long: of clouds that come meanwhile the last ones are enough
+            while sum(size for _, size in self._waiting) > self.history.most_for_actions:
+                self._waiting.pop(0)
             return
         action(self.world)
-        self.history.note(self.world.tick, action)
+        self.history.note(self.world.tick, action, nbytes)
 
     def configure(self, config: WorldConfig) -> None:
         """
@@ -264,8 +277,8 @@ class Stepper:
         waiting, self._waiting = self._waiting, []
         if self.world.config != self._config:
             self.configure(self._config)
-        for action in waiting:
-            self.act(action)
+        for action, nbytes in waiting:
+            self.act(action, nbytes)
 
     # ------------------------------------------------------------------------------------ advance
     def advance(self, now: int, drop_overload: bool) -> Iterator[set[str]]:

@@ -74,11 +74,11 @@ def _crowd(flights, skins, found, involved) -> tuple[Crowd, np.ndarray]:
 @dataclass(frozen=True)
 class Meeting:
     touches: Touches
-    pair: np.ndarray      # (k,)
-    lower: np.ndarray     # (p,) bodies
+    pair: np.ndarray  # (k,)
+    lower: np.ndarray  # (p,) bodies
     upper: np.ndarray
-    sign: np.ndarray      # +1 where the particle is upper's
-    arms: np.ndarray      # (k,3) of lower?
+    sign: np.ndarray  # +1 where the particle is upper's
+    arms: np.ndarray  # (k,3) of lower?
     point: np.ndarray
 
 
@@ -101,10 +101,16 @@ def _respond(crowd: Crowd, touches: Touches, gravity, h, obstacles=()) -> None:
     reduced = 1.0 / (inv_mass[one] + inv_mass[two])
     arm1, arm2 = point - crowd.centre[one[pair]], point - crowd.centre[two[pair]]
     omega = crowd.angular_velocity
-    P0 = np.zeros((C, 3)); L0 = np.zeros((C, 3))   # impulses
+    P0 = np.zeros((C, 3))
+    L0 = np.zeros((C, 3))  # impulses
 
     def speeds(velocity, omega):
-        rel = velocity[one[pair]] - velocity[two[pair]] + rigid_motion.cross(omega[one[pair]], arm1) - rigid_motion.cross(omega[two[pair]], arm2)
+        rel = (
+            velocity[one[pair]]
+            - velocity[two[pair]]
+            + rigid_motion.cross(omega[one[pair]], arm1)
+            - rigid_motion.cross(omega[two[pair]], arm2)
+        )
         return np.einsum('ij,ij->i', rel, normal)
 
     # rows
@@ -116,18 +122,32 @@ def _respond(crowd: Crowd, touches: Touches, gravity, h, obstacles=()) -> None:
     GT = G.T.tocsr()
     n_own = touches.normal
 
-    def give(impulse):   # (k,3) on 'one' at point; minus on two
+    def give(impulse):  # (k,3) on 'one' at point; minus on two
         nonlocal P0, L0
-        out1 = np.stack([np.bincount(one[pair], impulse[:, i], C) - np.bincount(two[pair], impulse[:, i], C) for i in range(3)], 1)
+        out1 = np.stack(
+            [
+                np.bincount(one[pair], impulse[:, i], C) - np.bincount(two[pair], impulse[:, i], C)
+                for i in range(3)
+            ],
+            1,
+        )
         torque = rigid_motion.cross(point, impulse)
-        out2 = np.stack([np.bincount(one[pair], torque[:, i], C) - np.bincount(two[pair], torque[:, i], C) for i in range(3)], 1)
+        out2 = np.stack(
+            [
+                np.bincount(one[pair], torque[:, i], C) - np.bincount(two[pair], torque[:, i], C)
+                for i in range(3)
+            ],
+            1,
+        )
         P0 += out1
-        L0 += out2   # about the origin
+        L0 += out2  # about the origin
         return out1, out2
 
     # --- carry
     goal_gap = np.einsum('ij,ij->i', (G @ crowd.goals[used]), n_own)
-    sunk = np.maximum(crowd.thickness[touches.body] + crowd.thickness[touches.other] - goal_gap, 0.0)
+    sunk = np.maximum(
+        crowd.thickness[touches.body] + crowd.thickness[touches.other] - goal_gap, 0.0
+    )
     depth = mean(sunk)
     pn = np.stack([np.bincount(pair, share * normal[:, i], P) for i in range(3)], 1)
     pn /= np.maximum(np.linalg.norm(pn, axis=1), 1e-300)[:, None]
@@ -144,30 +164,66 @@ def _respond(crowd: Crowd, touches: Touches, gravity, h, obstacles=()) -> None:
     carried = push[pair] * share * pressure
     out1, out2 = give(carried[:, None] * normal)
     dV = out1 * inv_mass[:, None]
-    dOmega = rigid_motion.applied(crowd.inverse_inertia, (out2 - rigid_motion.cross(crowd.centre, out1)) * inv_mass[:, None])
+    dOmega = rigid_motion.applied(
+        crowd.inverse_inertia, (out2 - rigid_motion.cross(crowd.centre, out1)) * inv_mass[:, None]
+    )
     body_of = np.repeat(np.arange(C), np.diff(crowd.first))
     lift = dV[body_of] + rigid_motion.cross(dOmega[body_of], x - crowd.centre[body_of])
     v += lift
     lift *= 0.5 * h
     x += lift
     # --- limit
-    J1 = np.concatenate([_sum(share[:, None] * normal, pair, P), _sum(share[:, None] * rigid_motion.cross(arm1, normal), pair, P)], 1)
-    J2 = np.concatenate([_sum(share[:, None] * normal, pair, P), _sum(share[:, None] * rigid_motion.cross(arm2, normal), pair, P)], 1)
+    J1 = np.concatenate(
+        [
+            _sum(share[:, None] * normal, pair, P),
+            _sum(share[:, None] * rigid_motion.cross(arm1, normal), pair, P),
+        ],
+        1,
+    )
+    J2 = np.concatenate(
+        [
+            _sum(share[:, None] * normal, pair, P),
+            _sum(share[:, None] * rigid_motion.cross(arm2, normal), pair, P),
+        ],
+        1,
+    )
     room = LIMIT * scale - depth
     rows_one, rows_two = one, two
     if obstacles:
         o1, on, oroom, osurf = _obstacle_rows(crowd, obstacles, h)
-        J1 = np.concatenate([J1, o1]); 
-        rows_one = np.concatenate([one, on]); room = np.concatenate([room, oroom])
+        J1 = np.concatenate([J1, o1])
+        rows_one = np.concatenate([one, on])
+        room = np.concatenate([room, oroom])
     Q = len(room)
     Vb = np.concatenate([crowd.velocity + dV, omega + dOmega], 1)
-    Minv = np.zeros((C, 6, 6)); Minv[:, :3, :3] = np.eye(3) * inv_mass[:, None, None]
+    Minv = np.zeros((C, 6, 6))
+    Minv[:, :3, :3] = np.eye(3) * inv_mass[:, None, None]
     Minv[:, 3:, 3:] = crowd.inverse_inertia * inv_mass[:, None, None]
     col = lambda body: 6 * body[:, None] + np.arange(6)
-    r = np.repeat(np.arange(Q), 6); r2 = np.repeat(np.arange(P), 6)
-    Jm = csr_array((np.concatenate([J1.ravel(), -J2.ravel()]), (np.concatenate([r, r2]), np.concatenate([col(rows_one).ravel(), col(rows_two).ravel()]))), shape=(Q, 6 * C))
-    W1 = np.einsum('pij,pj->pi', Minv[rows_one], J1); W2 = np.einsum('pij,pj->pi', Minv[rows_two], J2)
-    Wm = csr_array((np.concatenate([W1.ravel(), -W2.ravel()]), (np.concatenate([col(rows_one).ravel(), col(rows_two).ravel()]), np.concatenate([r, r2]))), shape=(6 * C, Q))
+    r = np.repeat(np.arange(Q), 6)
+    r2 = np.repeat(np.arange(P), 6)
+    Jm = csr_array(
+        (
+            np.concatenate([J1.ravel(), -J2.ravel()]),
+            (
+                np.concatenate([r, r2]),
+                np.concatenate([col(rows_one).ravel(), col(rows_two).ravel()]),
+            ),
+        ),
+        shape=(Q, 6 * C),
+    )
+    W1 = np.einsum('pij,pj->pi', Minv[rows_one], J1)
+    W2 = np.einsum('pij,pj->pi', Minv[rows_two], J2)
+    Wm = csr_array(
+        (
+            np.concatenate([W1.ravel(), -W2.ravel()]),
+            (
+                np.concatenate([col(rows_one).ravel(), col(rows_two).ravel()]),
+                np.concatenate([r, r2]),
+            ),
+        ),
+        shape=(6 * C, Q),
+    )
     count = np.bincount(rows_one, minlength=C) + np.bincount(rows_two, minlength=C)
     kk = np.einsum('pi,pi->p', J1, W1) * count[rows_one]
     kk[:P] += np.einsum('pi,pi->p', J2, W2) * count[rows_two]
@@ -185,11 +241,15 @@ def _respond(crowd: Crowd, touches: Touches, gravity, h, obstacles=()) -> None:
     if obstacles:
         add = _sum(lamb[P:, None] * J1[P:, :3], rows_one[P:], C)
         P0 += add
-        L0 += _sum(lamb[P:, None] * J1[P:, 3:], rows_one[P:], C) + rigid_motion.cross(crowd.centre, add)
+        L0 += _sum(lamb[P:, None] * J1[P:, 3:], rows_one[P:], C) + rigid_motion.cross(
+            crowd.centre, add
+        )
     v += dvb[body_of, :3] + rigid_motion.cross(dvb[body_of, 3:], x - crowd.centre[body_of])
-    dV = dV + dvb[:, :3]; dOmega = dOmega + dvb[:, 3:]
+    dV = dV + dvb[:, :3]
+    dOmega = dOmega + dvb[:, 3:]
     if PUSH:
-        rr = np.zeros(Q); nn = np.zeros(6 * C)
+        rr = np.zeros(Q)
+        nn = np.zeros(6 * C)
         want = np.maximum(-room, 0.0) * PUSH
         for _ in range(LIMIT_ROUNDS):
             new = np.maximum(rr + OMEGA * (want - Jm @ nn) / kk, 0.0)
@@ -238,7 +298,11 @@ def _respond(crowd: Crowd, touches: Touches, gravity, h, obstacles=()) -> None:
     V1 = crowd.velocity + dV
     g = max(float(np.linalg.norm(gravity)), 1e-300)
     settling = np.sqrt(g * contact.SINKAGE * scale)
-    leaving = np.clip((mean(speeds(V1, omega + dOmega)) + 0.5 * given / reduced) / settling - contact.SETTLED, 0.0, 1.0)
+    leaving = np.clip(
+        (mean(speeds(V1, omega + dOmega)) + 0.5 * given / reduced) / settling - contact.SETTLED,
+        0.0,
+        1.0,
+    )
     eps = np.sqrt(crowd.elasticity[one] * crowd.elasticity[two])
     lost = 0.5 * (1.0 - eps) * leaving
     absorbed = -lost[pair] * total
@@ -246,16 +310,22 @@ def _respond(crowd: Crowd, touches: Touches, gravity, h, obstacles=()) -> None:
     # --- momentum
     V = crowd.velocity + P0 * inv_mass[:, None]
     wx = crowd.weight[:, None] * x
-    sums = lambda values: np.stack([np.add.reduceat(values[:, i], crowd.first[:-1]) for i in range(3)], 1)
+    sums = lambda values: np.stack(
+        [np.add.reduceat(values[:, i], crowd.first[:-1]) for i in range(3)], 1
+    )
     c = sums(wx) * inv_mass[:, None]
-    L_origin = crowd.spin * crowd.mass[:, None] + crowd.mass[:, None] * rigid_motion.cross(crowd.centre, crowd.velocity) + L0
+    L_origin = (
+        crowd.spin * crowd.mass[:, None]
+        + crowd.mass[:, None] * rigid_motion.cross(crowd.centre, crowd.velocity)
+        + L0
+    )
     spin = L_origin * inv_mass[:, None] - rigid_motion.cross(c, V)
     arms = x - c[body_of]
     wv = crowd.weight[:, None] * v
     Vnow = sums(wv) * inv_mass[:, None]
     spin_now = sums(rigid_motion.cross(arms, wv)) * inv_mass[:, None]
     wa = crowd.weight[:, None] * arms
-    gram = np.stack([sums(wa[:, i:i+1] * arms) for i in range(3)], 1) * inv_mass[:, None, None]
+    gram = np.stack([sums(wa[:, i : i + 1] * arms) for i in range(3)], 1) * inv_mass[:, None, None]
     inertia = rigid_motion._inertia(gram)
     inverse = np.linalg.inv(inertia)
     dO = rigid_motion.applied(inverse, spin - spin_now)
@@ -263,12 +333,15 @@ def _respond(crowd: Crowd, touches: Touches, gravity, h, obstacles=()) -> None:
     start = 0
     for source in crowd.sources:
         n = len(source.rows) * source.skin.rest.particle_count
-        source.take(source.flight.particles.x, x[start:start+n])
-        source.take(source.flight.particles.v, v[start:start+n])
+        source.take(source.flight.particles.x, x[start : start + n])
+        source.take(source.flight.particles.v, v[start : start + n])
         start += n
         b = slice(source.first, source.first + len(source.rows))
         m = source.flight.motion
-        m.centre[source.rows] = c[b]; m.velocity[source.rows] = V[b]; m.spin[source.rows] = spin[b]; m.inverse_inertia[source.rows] = inverse[b]
+        m.centre[source.rows] = c[b]
+        m.velocity[source.rows] = V[b]
+        m.spin[source.rows] = spin[b]
+        m.inverse_inertia[source.rows] = inverse[b]
         source.flight.tick.load[source.rows] = out_load(dV, crowd, h)[b]
 
 
@@ -286,16 +359,26 @@ def _obstacle_rows(crowd, obstacles, h):
         rest = f.tick.rest
         for obstacle in obstacles:
             cs = contact.find(f.particles.x, obstacle, f.tick.gains.thickness)
-            number = np.full(len(f.batch.x), -1); number[source.rows] = source.first + np.arange(len(source.rows))
+            number = np.full(len(f.batch.x), -1)
+            number[source.rows] = source.first + np.arange(len(source.rows))
             cs = cs.where(number[cs.body] >= 0)
-            if not len(cs): continue
+            if not len(cs):
+                continue
             patch = contact._patch(f.particles.x, cs, f.motion, rest)
             sunk = contact.depth_of_goals(cs, obstacle, f.match.goals[1], f.tick)
             B = len(f.batch.x)
             d = patch.mean(sunk)
-            j = np.concatenate([_sum(patch.share[:, None] * cs.normal, cs.body, B), _sum(patch.share[:, None] * patch.levers, cs.body, B)], 1)
+            j = np.concatenate(
+                [
+                    _sum(patch.share[:, None] * cs.normal, cs.body, B),
+                    _sum(patch.share[:, None] * patch.levers, cs.body, B),
+                ],
+                1,
+            )
             rows = np.unique(cs.body)
-            J.append(j[rows]); body.append(number[rows]); room.append(LIMIT * rest.scale - d[rows])
+            J.append(j[rows])
+            body.append(number[rows])
+            room.append(LIMIT * rest.scale - d[rows])
     if not J:
         return np.zeros((0, 6)), np.zeros(0, int), np.zeros(0), None
     return np.concatenate(J), np.concatenate(body), np.concatenate(room), None
@@ -313,14 +396,14 @@ def loads(crowd, one, two, normal, gravity):
     if g == 0.0:
         return load
     down = gravity / g
-    along = normal @ down           # >0: 'one' is pushed down -> two is above
+    along = normal @ down  # >0: 'one' is pushed down -> two is above
     upper = np.where(along < 0, one, two)
     lowerb = np.where(along < 0, two, one)
     height = -(crowd.centre @ down)
     c = np.abs(along)
     # order of upper by height, top first
     order = np.argsort(-height[upper], kind='stable')
-    force = crowd.mass * g          # downwards force to carry
+    force = crowd.mass * g  # downwards force to carry
     force = force.tolist()
     square = np.bincount(upper, c * c, len(crowd)).tolist()
     up, lo, cc = upper.tolist(), lowerb.tolist(), c.tolist()

@@ -401,7 +401,14 @@ def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
     depth = patch.mean(sunk)
     force = (tick.gravity + tick.load)[body] if tick.load.any() else tick.gravity[None]
     load = patch.mean(
-        np.maximum(-np.einsum('ij,ij->i', patch.contacts.normal, np.broadcast_to(force, patch.contacts.normal.shape)), 0.0)
+        np.maximum(
+            -np.einsum(
+                'ij,ij->i',
+                patch.contacts.normal,
+                np.broadcast_to(force, patch.contacts.normal.shape),
+            ),
+            0.0,
+        )
     )
     softness = np.maximum(SINKAGE * tick.rest.scale, 4.0 * load * h**2)
     spring = load * -np.expm1(-depth / softness)

@@ -167,7 +167,9 @@ def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) ->
         shares = np.concatenate([*weights, np.ones(len(points))]).astype(np.float64)
     return Crowd(
         sources=sources,
-        source=np.repeat(np.arange(len(sources) + 1), [*map(len, weights_rows(sources)), len(obstacle)]),
+        source=np.repeat(
+            np.arange(len(sources) + 1), [*map(len, weights_rows(sources)), len(obstacle)]
+        ),
         first=np.concatenate([[0], np.cumsum(counts)]),
         body=body,
         x=np.concatenate([*particles('x'), points.points]),
@@ -184,7 +186,10 @@ def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) ->
         coulomb=of_gains('coulomb', False),
         thickness=thickness,
         scale=np.concatenate(
-            [*(np.full(len(s.rows), s.skin.rest.scale) for s in sources), np.full(len(obstacle), np.inf)]
+            [
+                *(np.full(len(s.rows), s.skin.rest.scale) for s in sources),
+                np.full(len(obstacle), np.inf),
+            ]
         ),
         centre=of_motion('centre'),
         twist=np.concatenate(

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softbody_ros.core import contact, goals, pins, rigid_contact, rigid_motion
+from softbody_ros.core import contact, goals, matching, pins, rigid_contact, rigid_motion
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.pins import Pins
 from softbody_ros.core.regions import Regions
-from softbody_ros.core.rest_shape import RestShape
+from softbody_ros.core.rest_shape import LINEAR, RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.tick import Particles, Tick
 
@@ -39,6 +39,9 @@ class Batch:
         positions, m, and velocities, m/s
     plastic : (B, 1 + K, 3, 3) float or None
         permanent stretches, None where nothing has ever become permanent
+    push : (B, 2, 2, 3) float or None
+        what acts on bodies from outside: in world axes and in body axes, force and torque, both
+        per mass, m/s² and m²/s²
     next_x, next_v, next_plastic
         where a tick is computed; `World` swaps them in once all batches have succeeded
 
@@ -49,6 +52,7 @@ class Batch:
     x: np.ndarray
     v: np.ndarray
     plastic: np.ndarray | None = None
+    push: np.ndarray | None = None
     next_x: np.ndarray = field(init=False)
     next_v: np.ndarray = field(init=False)
     next_plastic: np.ndarray | None = field(init=False, default=None)
@@ -59,7 +63,8 @@ class Batch:
     def part(self, rows: np.ndarray) -> Batch:
         """Return copies of some of the bodies, given as indices."""
         plastic = None if self.plastic is None else self.plastic[rows]
-        return Batch(self.rest, self.regions, self.x[rows], self.v[rows], plastic)
+        push = None if self.push is None else self.push[rows]
+        return Batch(self.rest, self.regions, self.x[rows], self.v[rows], plastic, push)
 
     def take(self, part: Batch, rows: np.ndarray) -> None:
         """Let the computed tick be that of a part for its rows, and no change for the others."""
@@ -154,13 +159,35 @@ def land(flight: Flight, obstacles: Sequence[Obstacle]) -> None:
 
 
 def predict(batch: Batch, tick: Tick) -> Particles:
-    """Return the particles as they are without their bodies: x + h v + h² g / 2, v + h g."""
+    """Return the particles as they are without their bodies: x + h v + h² a / 2, v + h a."""
     x, v, h = batch.next_x, batch.next_v, tick.h
     np.multiply(batch.v, h, out=x)
     x += batch.x
     x += (0.5 * h**2 * tick.gravity).astype(x.dtype)[:, None]
     np.add(batch.v, (h * tick.gravity).astype(v.dtype)[:, None], out=v)
+    if batch.push is not None:
+        acceleration = pushed(batch, batch.push, tick)
+        v += h * acceleration
+        acceleration *= 0.5 * h**2
+        x += acceleration
     return Particles(x, v, start=batch.x, plastic=batch.plastic)
+
+
+def pushed(batch: Batch, push: np.ndarray, tick: Tick) -> np.ndarray:
+    """
+    Return the accelerations (B, 3, n) of bodies that are pushed and turned as wholes, m/s².
+
+    Taken where the particles are halfway through the tick: then the angular momentum that they get
+    is h times the torque, exactly.
+    """
+    halfway = batch.x + 0.5 * tick.h * batch.v
+    centre, moment = matching.moments(halfway, batch.rest, LINEAR)
+    rotation = matching.rotation(moment)
+    in_world, in_body = push[:, 0], push[:, 1]
+    both = in_world + np.matmul(in_body, rotation.swapaxes(-1, -2))
+    motion = rigid_motion.rigid_motion(halfway, batch.v, centre, batch.rest)
+    turn = rigid_motion.applied(motion.inverse_inertia, both[:, 1])
+    return rigid_motion.field(halfway, centre, both[:, 0], turn)
 
 
 def damp(particles: Particles, centre: np.ndarray, tick: Tick) -> None:

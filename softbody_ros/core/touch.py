@@ -223,7 +223,10 @@ def _ranges(crowd: Crowd, found: Boxes) -> tuple[np.ndarray, np.ndarray]:
     for index, source in enumerate(crowd.sources):
         mine = crowd.source[found.body] == index
         body, piece = crowd.first[found.body[mine]], found.piece[mine]
-        begin[mine], end[mine] = body + source.skin.first[piece], body + source.skin.first[piece + 1]
+        begin[mine], end[mine] = (
+            body + source.skin.first[piece],
+            body + source.skin.first[piece + 1],
+        )
     return begin, end
 
 
@@ -252,9 +255,7 @@ def _inside_faces(
     if skin.pieces > 1:
         over &= skin.piece_of_face[face] == piece
     kept = np.flatnonzero(over)
-    body, other, point, points, face = (
-        each[kept] for each in (body, other, point, points, face)
-    )
+    body, other, point, points, face = (each[kept] for each in (body, other, point, points, face))
 
     corners = skin.corners[face] + crowd.first[other][:, None]
     a, b, c = crowd.x[corners.T]
@@ -265,9 +266,7 @@ def _inside_faces(
     height = np.einsum('ij,ij->i', offset, normal)
     depth = crowd.thickness[body] + crowd.thickness[other] - height
     inside = np.flatnonzero(depth > 0.0)
-    along, across, offset, normal = (
-        each[inside] for each in (along, across, offset, normal)
-    )
+    along, across, offset, normal = (each[inside] for each in (along, across, offset, normal))
     # areas of the triangles that the point makes with two corners
     second = np.einsum('ij,ij->i', rigid_motion.cross(offset, across), normal)
     third = np.einsum('ij,ij->i', rigid_motion.cross(along, offset), normal)

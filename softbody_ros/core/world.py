@@ -4,15 +4,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import body_contact, dynamics, matching, obstacles, plasticity, rigid_motion, sleep
+from softbody_ros.core import (
+    body_contact,
+    dynamics,
+    matching,
+    obstacles,
+    plasticity,
+    poke,
+    rigid_motion,
+    sleep,
+)
 from softbody_ros.core.config import (
     BodyConfig,
     ConfigError,
@@ -22,10 +32,12 @@ from softbody_ros.core.config import (
     unknown_name,
 )
 from softbody_ros.core.dynamics import Batch, Flight
-from softbody_ros.core.gains import Gains, make_gains
+from softbody_ros.core.gains import Gains, make_gains, natural_frequency
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.outside import EVERY_BODY, Outside, Placement, Removal, Wrench, ticks_of
 from softbody_ros.core.pins import Pins, make_pins, pinned_particles
+from softbody_ros.core.point_obstacles import PointObstacles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 from softbody_ros.core.skin import make_skin
@@ -44,13 +56,14 @@ class Snapshot:
     plastic: tuple[np.ndarray | None, ...]
     watched: tuple[Stillness, ...]
     obstacles: tuple[Obstacle, ...]
+    outside: Outside
 
     @property
     def nbytes(self) -> int:
         """Memory that it takes."""
         arrays = [*self.x, *self.v, *(array for array in self.plastic if array is not None)]
         arrays += [watched.anchor for watched in self.watched]
-        return sum(array.nbytes for array in arrays)
+        return sum(array.nbytes for array in arrays) + self.outside.nbytes
 
 
 @dataclass(frozen=True)
@@ -107,6 +120,7 @@ class World:
         self.tick = 0
         self._dtype = dtype
         self._obstacles = tuple(obstacles.made(item) for item in config.obstacles)
+        self._outside = Outside()
         self._index = {body.name: index for index, body in enumerate(config.bodies)}
         self._members = _members_by_shape(config.bodies)
         self._place = {
@@ -124,8 +138,7 @@ class World:
             for names, rest in zip(self._members, self._rests, strict=True)
         ]
         self._skins = [
-            make_skin(rest, parts)
-            for rest, parts in zip(self._rests, self._regions, strict=True)
+            make_skin(rest, parts) for rest, parts in zip(self._rests, self._regions, strict=True)
         ]
         self._gains = self._gains_of(config)
         self._pinned: list[dict[int, Pins]] = [{} for _ in self._members]
@@ -152,8 +165,10 @@ class World:
             self._step()
 
     def _step(self) -> None:
-        h = self.config.time_step
+        h, outside = self.config.time_step, self._outside.moved(self.config.time_step)
         moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
+        there = moved + outside.obstacles
+        self._push()
         rows = {
             index: np.flatnonzero(watched.awake)
             for index, watched in enumerate(self._watched)
@@ -163,24 +178,25 @@ class World:
         for index in rows:
             with self._computing(self._members[index]):
                 flights[index] = self._fly(index, rows[index])
-        body_contact.meet(list(flights.values()), [self._skins[index] for index in flights], moved)
+        body_contact.meet(list(flights.values()), [self._skins[index] for index in flights], there)
         for index, flight in flights.items():
             with self._computing(self._members[index]):
-                dynamics.land(flight, moved)
+                dynamics.land(flight, there)
         for index, flight in flights.items():
             batch = self._batches[index]
             if flight.batch is not batch:
                 batch.take(flight.batch, rows[index])
             batch.swap()
-        self._obstacles = moved
+        self._obstacles, self._outside = moved, outside
         self.tick += 1
+        self._let(self._outside.at(self.tick))
         if self.tick % max(round(sleep.WATCH / h), 1) == 0:
             self._watch()
 
     def _fly(self, index: int, awake: np.ndarray) -> Flight:
         """Let those bodies of a batch fly that are awake, given as indices."""
         batch, gains, pinned = self._batches[index], self._gains[index], self._pinned[index]
-        gravity, h = self.config.gravity, self.config.time_step
+        gravity, h = self.gravity, self.config.time_step
         if len(awake) == len(batch.x):
             return dynamics.fly(batch, gains, pinned, gravity, h)
         places = {row: place for place, row in enumerate(awake.tolist())}
@@ -203,11 +219,17 @@ class World:
         for batch, watched, gains, pinned in zip(
             self._batches, self._watched, self._gains, self._pinned, strict=True
         ):
-            sleep.watch(watched, batch.x, batch.v, batch.rest, gains, self._obstacles, pinned)
+            sleep.watch(watched, batch.x, batch.v, batch.rest, gains, self.obstacles, pinned)
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
-        """Return to tick 0: rest shapes at their start poses, initial velocities, no dents."""
+        """
+        Return to tick 0: rest shapes at their start poses, initial velocities, no dents.
+
+        What others have put in the way is theirs and stays there; wrenches and a gravity of their
+        own end.
+        """
+        self._outside = self._outside.begun_anew(self.tick)
         self.tick = 0
         self._obstacles = tuple(
             obstacles.placed(config, current.faces)
@@ -281,6 +303,7 @@ class World:
             tuple(batch.plastic for batch in self._batches),
             tuple(watched.copy() for watched in self._watched),
             self._obstacles,
+            self._outside,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -290,11 +313,147 @@ class World:
             dataclasses.replace(saved, config=config)
             for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
         )
+        self._outside = snapshot.outside
         self._watched = [watched.copy() for watched in snapshot.watched]
         for batch, x, v, plastic in zip(
             self._batches, snapshot.x, snapshot.v, snapshot.plastic, strict=True
         ):
             batch.x[:], batch.v[:], batch.plastic = x, v, plastic
+
+    # -------------------------------------------------------------------------- from the outside
+    def change_obstacles(
+        self, changes: Iterable[Placement | Removal], longest_gap: float = 0.5
+    ) -> None:
+        """
+        Let others put obstacles in the way, move them, or take them away.
+
+        Poses that are said one after the other make a velocity, with which an obstacle moves on;
+        see `Outside.changed`.
+
+        Parameters
+        ----------
+        changes : iterable of Placement and Removal
+        longest_gap : float
+            between two poses that make a velocity, and time for which it is kept up, s
+
+        """
+        h = self.config.time_step
+        self._let(self._outside.changed(changes, self.tick, longest_gap, h))
+
+    def set_points(self, points: PointObstacles) -> None:
+        """Let other points be in the way, instead of those before."""
+        before, self._outside = self._outside.points, self._outside.with_points(points)
+        for name, (batch, row) in self._place.items():
+            state = self._batches[batch]
+            x = state.x[row]
+            box = x.min(axis=1), x.max(axis=1)
+            margin = self.body_config(name).thickness + sleep.QUIET * state.rest.scale
+            near = points.within(*box, margin)
+            if not np.array_equal(near, before.within(*box, margin)):
+                self._wake(name)
+
+    def apply_wrench(
+        self,
+        name: str | None,
+        force: ArrayLike,
+        torque: ArrayLike,
+        seconds: float,
+        in_body_axes: bool = False,
+    ) -> None:
+        """
+        Push and turn a body at its centre of mass for some time, instead of the wrench before.
+
+        It acts at every point of the body like gravity, as a rigid field: it moves and turns the
+        body and does not deform it. Momentum and angular momentum that it gives are exact. A zero
+        wrench ends it at once.
+
+        Parameters
+        ----------
+        name : str or None
+            of the body; None is each of all bodies, besides what acts on them alone
+        force, torque : (3,) float
+            N, N m
+        seconds : float
+        in_body_axes : bool
+            whether both turn with the body, or are in world axes
+
+        """
+        if name is not None:
+            self._require_body(name)
+        ends_at = self.tick + ticks_of(seconds, self.config.time_step)
+        force, torque = np.array(force, dtype=float), np.array(torque, dtype=float)
+        wrench = Wrench(force, torque, in_body_axes, ends_at)
+        self._let(self._outside.with_wrench(EVERY_BODY if name is None else name, wrench))
+
+    def override_gravity(self, gravity: ArrayLike, seconds: float) -> None:
+        """Let another gravity, m/s², act for some time instead of the config's."""
+        ends_at = self.tick + ticks_of(seconds, self.config.time_step)
+        self._let(self._outside.with_gravity(np.array(gravity, dtype=float), ends_at))
+
+    def poke(self, point: ArrayLike, impulse: float, radius: float) -> str:
+        """
+        Poke the surface that is nearest to a point, inwards; see `poke.velocity_change`.
+
+        Parameters
+        ----------
+        point : (3,) float
+            m
+        impulse : float
+            N s
+        radius : float
+            of the spot, m
+
+        Returns
+        -------
+        str
+            the name of the body, '' if none is within the radius
+
+        """
+        name, distance = self.nearest(point)
+        if distance >= radius:
+            return ''
+        batch, row = self._state(name)
+        body, x = self.body_config(name), batch.x[row].astype(np.float64)
+        frequency = 0.0
+        if body.mode != 'rigid':
+            frequency = natural_frequency(body.stiffness, self.config.reference_step)
+        batch.v[row] += poke.velocity_change(
+            x, batch.rest, np.array(point), radius, impulse / body.mass, frequency
+        )
+        self._wake(name)
+        return name
+
+    def nearest(self, point: ArrayLike) -> tuple[str, float]:
+        """Return the body that has a particle nearest to a point, and its distance, m."""
+        distances = {
+            name: float(np.linalg.norm(self.positions(name) - np.array(point), axis=1).min())
+            for name in self.names
+        }
+        name = min(distances, key=lambda name: distances[name])
+        return name, distances[name]
+
+    def _let(self, outside: Outside) -> None:
+        """Let something act from now on; bodies wake up if they notice it."""
+        before, gravity, self._outside = self._outside, self.gravity, outside
+        if not outside.same_guests(before) or (gravity != self.gravity).any():
+            for name in self._place:
+                self._wake(name)
+
+    def _push(self) -> None:
+        """Give the batches their wrenches; whoever is pushed is awake."""
+        wrenches = self._outside.wrenches
+        for batch, names in zip(self._batches, self._members, strict=True):
+            batch.push = None
+            if not wrenches:
+                continue
+            batch.push = np.zeros((len(names), 2, 2, 3))
+            for row, name in enumerate(names):
+                for wrench in (wrenches.get(EVERY_BODY), wrenches.get(name)):
+                    if wrench is not None:
+                        both = np.stack([wrench.force, wrench.torque])
+                        batch.push[row, int(wrench.in_body_axes)] += both
+                        self._wake(name)
+                batch.push[row] /= self.body_config(name).mass
 
     # ----------------------------------------------------------------------------------- config
     def configure(self, config: WorldConfig) -> None:
@@ -367,6 +526,15 @@ class World:
         return [[config.bodies[self._index[name]] for name in names] for names in self._members]
 
     # ---------------------------------------------------------------------------------- queries
+    def contact_wrench(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the total force (3,), N, and torque (3,), N m, of all contacts of a body.
+
+        World axes, at the centre of mass; zero where nothing touches.
+        """
+        self._require_body(name)
+        return np.zeros(3), np.zeros(3)  # STUB: the sums over the contacts of the last tick
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the bodies, in the order of the config."""
@@ -374,8 +542,24 @@ class World:
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """The obstacles where they are now."""
-        return self._obstacles
+        """The obstacles where they are now: those of the config, then those of others."""
+        return self._obstacles + self._outside.obstacles
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """(3,) float: the gravity that acts now, m/s²."""
+        override = self._outside.gravity
+        return self.config.gravity if override is None else override
+
+    @property
+    def point_obstacles(self) -> PointObstacles:
+        """The points that are in the way."""
+        return self._outside.points
+
+    @property
+    def outside(self) -> Outside:
+        """What others do to this world."""
+        return self._outside
 
     def rest_shape(self, name: str) -> RestShape:
         """Return the rest shape of a body."""
