@@ -1,415 +1,721 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Contact of bodies with each other, and of the regions of one body.
+Contact of bodies with each other, of the regions of one body, and with points in the way.
 
 As with obstacles, see `contact`: particles are stopped, with friction; weight is carried by bodies
-as wholes; restitution is that of the bodies. What one body gets, the other gives, along the same
-line, so momentum and angular momentum are conserved.
+as wholes; restitution is that of the bodies. What one body gets, the other one gives, along the
+same line, so momentum and angular momentum are conserved; and impulses along normals only ever
+take energy.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from softbody_ros.core import contact, rigid_motion, touch
+from softbody_ros.core.boxes import joined
 from softbody_ros.core.crowd import Crowd, Source, make_crowd
 from softbody_ros.core.dynamics import Flight
+from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.point_obstacles import NO_POINTS, PointObstacles
 from softbody_ros.core.skin import Skin
-from softbody_ros.core.touch import Boxes, Touches
+from softbody_ros.core.sums import weighted
+from softbody_ros.core.touch import Touches
 
-ROUNDS, RIGID_ROUNDS = 4, 12
-PUSH_OUT_ROUNDS = 3
+DEEPEST = 0.12
+"""How deep goals may be in each other, in RMS radii, before bodies stop each other as wholes."""
+RETREAT = 0.2
+"""Share of what is deeper by which they move apart in a tick."""
+BODY_ROUNDS = 20
+SOFT_ROUNDS, RIGID_ROUNDS, PUSH_OUT_ROUNDS = 4, 16, 3
+LEAST_GRIP = 0.1
+"""Support, as the sum of squared cosines, below which a load is not divided any further."""
 
 
-def meet(flights: Sequence[Flight], skins: Sequence[Skin], obstacles=()) -> None:
+def meet(
+    flights: Sequence[Flight],
+    skins: Sequence[Skin],
+    obstacles: Sequence[Obstacle],
+    points: PointObstacles = NO_POINTS,
+) -> None:
     """
-    Let bodies meet each other, in place.
+    Let bodies meet each other, and points that do not give way, in place.
 
     Parameters
     ----------
     flights : sequence of Flight
     skins : sequence of Skin
         of each flight
+    obstacles : sequence of Obstacle
+        on which bodies stand that others lie on
+    points : PointObstacles
 
     """
-    if not flights or (sum(len(f.batch.x) for f in flights) == 1 and skins[0].pieces == 1):
+    touching = _touching(flights, skins, points)
+    if touching is None:
         return
-    tick = flights[0].tick
-    parts, first = [], 0
-    for flight, skin in zip(flights, skins, strict=True):
-        parts.append(touch.boxes(flight.particles.x, skin, flight.tick.gains.thickness, first))
-        first += len(flight.batch.x)
-    found = touch.joined(parts)
-    strangers = [skin.strangers for f, skin in zip(flights, skins, strict=True) for _ in f.batch.x]
-    a, b = touch.pairs(found, strangers)
-    if not len(a):
-        return
-    crowd, number = _crowd(flights, skins, found, np.concatenate([a, b]))
-    found = Boxes(found.low, found.high, number[found.body], found.piece)
-    touches = touch.find(crowd, found, a, b)
-    if not len(touches):
-        return
-    _respond(crowd, touches, tick.gravity, tick.h, obstacles)
+    crowd, tick = touching[0], flights[0].tick
+    meeting = make_meeting(*touching)
+    carried = carried_weight(meeting, tick.gravity, tick.h)
+    lift = meeting.twist_by(carried)
+    stops = stopped_bodies(meeting, crowd.twist + lift, obstacles, tick.gravity, tick.h)
+
+    crowd.v[:] += crowd.field(lift + stops.twist)
+    # a load acts all through the tick
+    shift = crowd.field(0.5 * tick.h * lift + stops.retreat)
+    crowd.x[:] += shift
+    pushes = collide(meeting, carried, shift, tick.slow, tick.h)
+    absorbed = absorbed_rebound(meeting, pushes, crowd.twist + lift, tick.gravity)
+
+    along = carried + stops.impulse + absorbed
+    impulses = along[:, None] * meeting.normal + pushes.friction
+    impulses += pushes.normal[:, None] * meeting.normal
+    part(meeting, impulses, stops.from_obstacles, pressed=lift[:, :3] / tick.h)
 
 
-def _crowd(flights, skins, found, involved) -> tuple[Crowd, np.ndarray]:
-    counts = [len(flight.batch.x) for flight in flights]
-    chosen = np.zeros(sum(counts), dtype=bool)
-    chosen[found.body[involved]] = True
-    number = np.cumsum(chosen) - 1
-    sources, begin = [], 0
-    for flight, skin, count in zip(flights, skins, counts, strict=True):
-        rows = np.flatnonzero(chosen[begin : begin + count])
+# -------------------------------------------------------------------------------------- detection
+def _touching(
+    flights: Sequence[Flight], skins: Sequence[Skin], points: PointObstacles
+) -> tuple[Crowd, Touches] | None:
+    """Return the bodies that may touch something, and what does."""
+    sizes = [len(flight.batch.x) for flight in flights]
+    if sum(sizes) < 2 and not len(points) and all(skin.pieces == 1 for skin in skins):
+        return None
+    numbers = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
+    found = joined(
+        [
+            touch.boxes(flight.particles.x, skin, flight.tick.gains.thickness, number)
+            for flight, skin, number in zip(flights, skins, numbers, strict=True)
+        ]
+    )
+    one, two = touch.pairs(
+        found, [skins[index] for index, size in enumerate(sizes) for _ in range(size)]
+    )
+    box, point = points.inside(found.low, found.high)
+    involved = np.zeros(sum(sizes), dtype=bool)
+    involved[found.body[np.concatenate([one, two, box])]] = True
+    if not involved.any():
+        return None
+    sources, first = [], 0
+    for flight, skin, number in zip(flights, skins, numbers, strict=True):
+        rows = np.flatnonzero(involved[number])
         if len(rows):
-            sources.append(Source(flight, skin, rows, int(number[begin + rows[0]])))
-        begin += count
-    return make_crowd(sources), number
+            sources.append(Source(flight, skin, rows, first))
+            first += len(rows)
+    near, place = np.unique(point, return_inverse=True)
+    crowd = make_crowd(sources, points.some(near))
+    found = dataclasses.replace(found, body=(np.cumsum(involved) - 1)[found.body])
+    touches = touch.find(crowd, found, one, two, box, crowd.first[-1] - len(near) + place)
+    return (crowd, touches) if len(touches) else None
+
+
+# --------------------------------------------------------------------------------------- meetings
+@dataclass(frozen=True)
+class Meeting:
+    """
+    Where the bodies of a crowd touch: k places, of p pairs of bodies.
+
+    Attributes
+    ----------
+    crowd : Crowd
+    touches : Touches
+    pair : (k,) int
+    one, two : (p,) int
+        the bodies of each pair, the same one if a body touches itself
+    sign : (k,) float
+        1 where the particle is that of the first, −1 where it is that of the second
+    normal : (k, 3) float
+        from the second body to the first
+    share : (k,) float
+        of the mass that touches in its pair
+    point : (k, 3) float
+        where they touch, m
+
+    """
+
+    crowd: Crowd
+    touches: Touches
+    pair: np.ndarray
+    one: np.ndarray
+    two: np.ndarray
+    sign: np.ndarray
+    normal: np.ndarray
+    share: np.ndarray
+    point: np.ndarray
+
+    @cached_property
+    def rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """(k, 6) float of each body: what its twist does along the normal."""
+        centre = self.crowd.centre
+        return tuple(
+            np.hstack([self.normal, rigid_motion.cross(self.point - centre[body], self.normal)])
+            for body in (self.one[self.pair], self.two[self.pair])
+        )
+
+    @cached_property
+    def mobility(self) -> np.ndarray:
+        """(C, 6, 6) float: see `Crowd`."""
+        return self.crowd.mobility()
+
+    @cached_property
+    def apart(self) -> np.ndarray:
+        """(p,) bool: whether they are two bodies."""
+        return self.one != self.two
+
+    @cached_property
+    def reduced_mass(self) -> np.ndarray:
+        """(p,) float: of the two bodies, kg."""
+        lightness = self.crowd.body_lightness
+        return 1.0 / (lightness[self.one] + lightness[self.two])
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """(p,) float: RMS radius of the smaller body, m."""
+        return np.minimum(self.crowd.scale[self.one], self.crowd.scale[self.two])
+
+    @property
+    def springiness(self) -> np.ndarray:
+        """
+        (p,) float: speed after a stop, as a share of that before.
+
+        What a body stores on the first half of a swing it gives back on the second, of which
+        bounciness leaves a share; and elasticity absorbs as in `contact.absorbed_rebound`.
+        """
+        elasticity, bounciness = (
+            _between(values, self.one, self.two)
+            for values in (self.crowd.elasticity, self.crowd.bounciness)
+        )
+        return 0.5 * (1.0 + elasticity) * np.sqrt(bounciness)
+
+    def settling(self, gravity: np.ndarray) -> np.ndarray:
+        """Return the speeds (p,) at which restitution fades out, m/s: of bodies that settle."""
+        magnitude = max(float(np.linalg.norm(gravity)), 1e-300)
+        return np.sqrt(magnitude * contact.SINKAGE * self.scale)
+
+    @cached_property
+    def sunk(self) -> np.ndarray:
+        """(k,) float: how deep the goal of each particle lies in that of the face, m, or 0."""
+        touches, goals = self.touches, self.crowd.goals
+        faces = np.einsum('ki,kij->kj', touches.share, goals[touches.corners])
+        gap = np.einsum('ij,ij->i', goals[touches.particle] - faces, touches.normal)
+        return np.maximum(touches.thickness - gap, 0.0)
+
+    @cached_property
+    def depth(self) -> np.ndarray:
+        """(p,) float: mean of it, m."""
+        return self.mean(self.sunk)
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Return the means (p,) of values (k,) at the places of each pair."""
+        return np.bincount(self.pair, self.share * values, len(self.one))
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Return the sums (p, …) of values (k, …) at the places of each pair."""
+        return _sums(values, self.pair, len(self.one))
+
+    def speed(self, twist: np.ndarray) -> np.ndarray:
+        """Return how fast bodies that move with twists (C, 6) leave each other, (p,), m/s."""
+        row_one, row_two = self.rows
+        speeds = np.einsum('ij,ij->i', row_one, twist[self.one[self.pair]])
+        speeds -= np.einsum('ij,ij->i', row_two, twist[self.two[self.pair]])
+        return self.mean(speeds)
+
+    def twist_by(self, impulse: np.ndarray) -> np.ndarray:
+        """Return the twists (C, 6) that impulses (k,) along the normals cause."""
+        row_one, row_two = self.rows
+        count = len(self.crowd)
+        total = _sums(self.sums(impulse[:, None] * row_one), self.one, count)
+        total -= _sums(self.sums(impulse[:, None] * row_two), self.two, count)
+        return rigid_motion.applied(self.mobility, total)
+
+
+def make_meeting(crowd: Crowd, touches: Touches) -> Meeting:
+    """Return where the bodies of a crowd touch, pair by pair."""
+    count = len(crowd)
+    body, other = touches.body, touches.other
+    keys, pair = np.unique(
+        np.minimum(body, other) * count + np.maximum(body, other), return_inverse=True
+    )
+    one, two = np.divmod(keys, count)
+    sign = np.where(body == one[pair], 1.0, -1.0)
+    # of what does not give way, the mass of what it touches counts
+    corners = np.einsum('ij,ij->i', touches.share, crowd.lightness[touches.corners])
+    lightness = crowd.lightness[touches.particle]
+    weight = 1.0 / np.where(lightness > 0.0, lightness, corners)
+    return Meeting(
+        crowd=crowd,
+        touches=touches,
+        pair=pair,
+        one=one,
+        two=two,
+        sign=sign,
+        normal=sign[:, None] * touches.normal,
+        share=weight / np.bincount(pair, weight, len(keys))[pair],
+        point=crowd.x[touches.particle],
+    )
+
+
+def _sums(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """Return the sums (count, j) of values (k, j) by group, in a fixed order."""
+    return np.stack([np.bincount(group, column, count) for column in values.T], axis=1)
+
+
+# ----------------------------------------------------------------------------- bodies as wholes
+def carried_weight(meeting: Meeting, gravity: np.ndarray, h: float) -> np.ndarray:
+    """
+    Return the impulses (k,) by which bodies carry the weight of those that lie on them, N s.
+
+    The same spring as `contact.carried_weight`, for the load that each pair has to bear.
+
+    Parameters
+    ----------
+    meeting : Meeting
+    gravity : (3,) float
+        m/s²
+    h : float
+        s
+
+    """
+    depth, mass = meeting.depth, meeting.reduced_mass
+    load = loads(meeting, gravity) / mass
+    softness = np.maximum(contact.SINKAGE * meeting.scale, 4.0 * load * h**2)
+    spring = load * -np.expm1(-depth / softness)
+    damping = 2.0 * np.sqrt(load / softness)
+    force = (spring - damping * meeting.speed(meeting.crowd.twist)) / (1.0 + damping * h)
+    push = h * mass * np.minimum(np.maximum(force, 0.0), load)
+    pressure = meeting.sunk / np.where(depth > 0.0, depth, 1.0)[meeting.pair]
+    return push[meeting.pair] * meeting.share * pressure
+
+
+def loads(meeting: Meeting, gravity: np.ndarray) -> np.ndarray:
+    """
+    Return the forces (p,) that the weight of a pile makes between its bodies, N.
+
+    From the top down: each body hands its weight, and what lies on it, on to those below it, more
+    to those that are more straight below.
+    """
+    crowd, one, two = meeting.crowd, meeting.one, meeting.two
+    load = np.zeros(len(one))
+    magnitude = float(np.linalg.norm(gravity))
+    if magnitude == 0.0:
+        return load
+    down = gravity / magnitude
+    normal = meeting.sums(meeting.share[:, None] * meeting.normal)
+    length = np.linalg.norm(normal, axis=1)
+    cosine = -(normal @ down) / np.where(length > 0.0, length, 1.0)
+    upper, lower = np.where(cosine > 0.0, (one, two), (two, one))
+    cosine = np.abs(cosine)
+    heavy = meeting.apart & (crowd.body_lightness[upper] > 0.0)
+    grip = np.maximum(np.bincount(upper, cosine**2, len(crowd)), LEAST_GRIP)
+    share = np.where(heavy, cosine / grip[upper], 0.0).tolist()
+    with np.errstate(divide='ignore'):
+        weight = (magnitude / crowd.body_lightness).tolist()
+    handed_on = cosine.tolist()
+    # plain numbers: one after the other, this is faster than arrays
+    above, below = upper.tolist(), lower.tolist()
+    for index in np.argsort((crowd.centre @ down)[upper], kind='stable').tolist():
+        if share[index]:
+            load[index] = weight[above[index]] * share[index]
+            weight[below[index]] += load[index] * handed_on[index]
+    return load
 
 
 @dataclass(frozen=True)
-class Meeting:
-    touches: Touches
-    pair: np.ndarray  # (k,)
-    lower: np.ndarray  # (p,) bodies
-    upper: np.ndarray
-    sign: np.ndarray  # +1 where the particle is upper's
-    arms: np.ndarray  # (k,3) of lower?
-    point: np.ndarray
+class Stops:
+    """
+    What stops bodies as wholes.
+
+    Attributes
+    ----------
+    twist : (C, 6) float
+        the change of twists
+    retreat : (C, 6) float
+        a small motion that they make, m and rad
+    impulse : (k,) float
+        along the normals, N s
+    from_obstacles : (C, 2, 3) float
+        impulse, N s, and turning impulse about the centre of mass, N m s
+
+    """
+
+    twist: np.ndarray
+    retreat: np.ndarray
+    impulse: np.ndarray
+    from_obstacles: np.ndarray
 
 
-def _respond(crowd: Crowd, touches: Touches, gravity, h, obstacles=()) -> None:
-    x, v = crowd.x, crowd.v
-    k = len(touches)
-    C = len(crowd)
-    key = np.minimum(touches.body, touches.other) * C + np.maximum(touches.body, touches.other)
-    keys, pair = np.unique(key, return_inverse=True)
-    one, two = np.divmod(keys, C)
-    P = len(keys)
-    # normals from two to one
-    sign = np.where(touches.body == one[pair], 1.0, -1.0)
-    normal = sign[:, None] * touches.normal
-    point = x[touches.particle]
-    weight = crowd.weight[touches.particle]
-    share = weight / np.bincount(pair, weight, P)[pair]
-    mean = lambda values: np.bincount(pair, share * values, P)
-    inv_mass = 1.0 / crowd.mass
-    reduced = 1.0 / (inv_mass[one] + inv_mass[two])
-    arm1, arm2 = point - crowd.centre[one[pair]], point - crowd.centre[two[pair]]
-    omega = crowd.angular_velocity
-    P0 = np.zeros((C, 3))
-    L0 = np.zeros((C, 3))  # impulses
+def stopped_bodies(
+    meeting: Meeting,
+    twist: np.ndarray,
+    obstacles: Sequence[Obstacle],
+    gravity: np.ndarray,
+    h: float,
+) -> Stops:
+    """
+    Return what keeps bodies from sinking deeper than `DEEPEST` into each other, without rebound.
 
-    def speeds(velocity, omega):
-        rel = (
-            velocity[one[pair]]
-            - velocity[two[pair]]
-            + rigid_motion.cross(omega[one[pair]], arm1)
-            - rigid_motion.cross(omega[two[pair]], arm2)
+    The particles that touch are light: between heavy or fast bodies they would give way until the
+    bodies had passed through each other. Obstacles, which particles cannot enter, take part only
+    to hold what stands on them: impulses go through a pile in one tick.
+
+    Parameters
+    ----------
+    meeting : Meeting
+    twist : (C, 6) float
+        of the bodies, m/s and rad/s
+    obstacles : sequence of Obstacle
+    gravity : (3,) float
+        m/s²
+    h : float
+        s
+
+    """
+    crowd, mobility, pairs = meeting.crowd, meeting.mobility, len(meeting.one)
+    share = np.where(meeting.apart[meeting.pair], meeting.share, 0.0)[:, None]
+    standing, row_standing, room_standing = _standing(crowd, obstacles)
+    room = np.concatenate([DEEPEST * meeting.scale - meeting.depth, room_standing])
+    row_one = np.concatenate([meeting.sums(share * meeting.rows[0]), row_standing])
+    row_two = meeting.sums(share * meeting.rows[1])
+    one, two = np.concatenate([meeting.one, standing]), meeting.two
+    by_one = rigid_motion.applied(mobility[one], row_one)
+    by_two = rigid_motion.applied(mobility[two], row_two)
+    felt, caused = (
+        _by_body(a, one, -b, two, len(crowd)) for a, b in ((row_one, row_two), (by_one, by_two))
+    )
+    caused = caused.T.tocsr()
+    # each body counts as many times as it touches something: so all can be stopped at once
+    contacts = np.bincount(one, minlength=len(crowd)) + np.bincount(two, minlength=len(crowd))
+    stiffness = np.einsum('ij,ij->i', row_one, by_one) * contacts[one]
+    stiffness[:pairs] += np.einsum('ij,ij->i', row_two, by_two) * contacts[two]
+    compliance = np.where(stiffness > 0.0, 1.0 / np.where(stiffness > 0.0, stiffness, 1.0), 0.0)
+
+    def solved(speed: np.ndarray, least: np.ndarray) -> np.ndarray:
+        """Return impulses that are not negative, after which no speed is below the least."""
+        impulse = np.zeros(len(speed))
+        for _ in range(BODY_ROUNDS):
+            now = speed + felt @ (caused @ impulse)
+            impulse = np.maximum(impulse + compliance * (least - now), 0.0)
+        return impulse
+
+    before = felt @ twist.ravel()
+    least = -np.maximum(room, 0.0) / h
+    impulse = solved(before, least)
+    if impulse[:pairs].any():
+        fast = np.clip(-before[:pairs] / meeting.settling(gravity) - contact.SETTLED, 0.0, 1.0)
+        back = np.where(
+            impulse[:pairs] > 0.0, meeting.springiness * fast * -before[:pairs], least[:pairs]
         )
-        return np.einsum('ij,ij->i', rel, normal)
-
-    # rows
-    cols = np.concatenate([touches.particle, touches.corners.T.ravel()])
-    rows = np.tile(np.arange(k), 4)
-    vals = np.concatenate([np.ones(k), -touches.share.T.ravel()])
-    used, local = np.unique(cols, return_inverse=True)
-    G = csr_array((vals, (rows, local)), shape=(k, len(used)))
-    GT = G.T.tocsr()
-    n_own = touches.normal
-
-    def give(impulse):  # (k,3) on 'one' at point; minus on two
-        nonlocal P0, L0
-        out1 = np.stack(
-            [
-                np.bincount(one[pair], impulse[:, i], C) - np.bincount(two[pair], impulse[:, i], C)
-                for i in range(3)
-            ],
-            1,
+        rebounding = solved(
+            before, np.concatenate([np.maximum(back, least[:pairs]), least[pairs:]])
         )
-        torque = rigid_motion.cross(point, impulse)
-        out2 = np.stack(
-            [
-                np.bincount(one[pair], torque[:, i], C) - np.bincount(two[pair], torque[:, i], C)
-                for i in range(3)
-            ],
-            1,
-        )
-        P0 += out1
-        L0 += out2  # about the origin
-        return out1, out2
+        gained = rebounding @ (before + 0.5 * (felt @ (caused @ rebounding)))
+        # rebounds that go through a whole pile at once could give more than there was
+        impulse = rebounding if gained <= 0.0 else impulse
+    retreat = solved(np.zeros(len(room)), RETREAT * np.maximum(-room, 0.0))
+    from_obstacles = impulse[pairs:, None] * row_standing
+    return Stops(
+        twist=(caused @ impulse).reshape(-1, 6),
+        retreat=(caused @ retreat).reshape(-1, 6),
+        impulse=impulse[:pairs][meeting.pair] * meeting.share,
+        from_obstacles=_sums(from_obstacles, standing, len(crowd)).reshape(-1, 2, 3),
+    )
 
-    # --- carry
-    goal_gap = np.einsum('ij,ij->i', (G @ crowd.goals[used]), n_own)
-    sunk = np.maximum(
-        crowd.thickness[touches.body] + crowd.thickness[touches.other] - goal_gap, 0.0
+
+def _by_body(
+    row_one: np.ndarray, one: np.ndarray, row_two: np.ndarray, two: np.ndarray, bodies: int
+) -> csr_array:
+    """Return a sparse matrix with the blocks (q, 6) of bodies; some rows have one only."""
+    rows = np.concatenate([np.arange(len(one)), np.arange(len(two))])
+    columns = 6 * np.concatenate([one, two])[:, None] + np.arange(6)
+    values = np.concatenate([row_one, row_two])
+    return csr_array(
+        (values.ravel(), (np.repeat(rows, 6), columns.ravel())), shape=(len(one), 6 * bodies)
     )
-    depth = mean(sunk)
-    pn = np.stack([np.bincount(pair, share * normal[:, i], P) for i in range(3)], 1)
-    pn /= np.maximum(np.linalg.norm(pn, axis=1), 1e-300)[:, None]
-    load = loads(crowd, one, two, pn, gravity)
-    scale = np.minimum(crowd.scale[one], crowd.scale[two])
-    acc = load / reduced
-    softness = np.maximum(contact.SINKAGE * scale, 4.0 * acc * h**2)
-    spring = acc * -np.expm1(-depth / softness)
-    damping = 2.0 * np.sqrt(acc / softness)
-    speed = mean(speeds(crowd.velocity, omega))
-    force = (spring - damping * speed) / (1.0 + damping * h)
-    push = h * np.clip(force, 0.0, acc) * reduced
-    pressure = sunk / np.where(depth > 0.0, depth, 1.0)[pair]
-    carried = push[pair] * share * pressure
-    out1, out2 = give(carried[:, None] * normal)
-    dV = out1 * inv_mass[:, None]
-    dOmega = rigid_motion.applied(
-        crowd.inverse_inertia, (out2 - rigid_motion.cross(crowd.centre, out1)) * inv_mass[:, None]
-    )
-    body_of = np.repeat(np.arange(C), np.diff(crowd.first))
-    lift = dV[body_of] + rigid_motion.cross(dOmega[body_of], x - crowd.centre[body_of])
-    v += lift
-    lift *= 0.5 * h
-    x += lift
-    # --- limit
-    J1 = np.concatenate(
-        [
-            _sum(share[:, None] * normal, pair, P),
-            _sum(share[:, None] * rigid_motion.cross(arm1, normal), pair, P),
-        ],
-        1,
-    )
-    J2 = np.concatenate(
-        [
-            _sum(share[:, None] * normal, pair, P),
-            _sum(share[:, None] * rigid_motion.cross(arm2, normal), pair, P),
-        ],
-        1,
-    )
-    room = LIMIT * scale - depth
-    rows_one, rows_two = one, two
-    if obstacles:
-        o1, on, oroom, osurf = _obstacle_rows(crowd, obstacles, h)
-        J1 = np.concatenate([J1, o1])
-        rows_one = np.concatenate([one, on])
-        room = np.concatenate([room, oroom])
-    Q = len(room)
-    Vb = np.concatenate([crowd.velocity + dV, omega + dOmega], 1)
-    Minv = np.zeros((C, 6, 6))
-    Minv[:, :3, :3] = np.eye(3) * inv_mass[:, None, None]
-    Minv[:, 3:, 3:] = crowd.inverse_inertia * inv_mass[:, None, None]
-    col = lambda body: 6 * body[:, None] + np.arange(6)
-    r = np.repeat(np.arange(Q), 6)
-    r2 = np.repeat(np.arange(P), 6)
-    Jm = csr_array(
-        (
-            np.concatenate([J1.ravel(), -J2.ravel()]),
-            (
-                np.concatenate([r, r2]),
-                np.concatenate([col(rows_one).ravel(), col(rows_two).ravel()]),
-            ),
-        ),
-        shape=(Q, 6 * C),
-    )
-    W1 = np.einsum('pij,pj->pi', Minv[rows_one], J1)
-    W2 = np.einsum('pij,pj->pi', Minv[rows_two], J2)
-    Wm = csr_array(
-        (
-            np.concatenate([W1.ravel(), -W2.ravel()]),
-            (
-                np.concatenate([col(rows_one).ravel(), col(rows_two).ravel()]),
-                np.concatenate([r, r2]),
-            ),
-        ),
-        shape=(6 * C, Q),
-    )
-    count = np.bincount(rows_one, minlength=C) + np.bincount(rows_two, minlength=C)
-    kk = np.einsum('pi,pi->p', J1, W1) * count[rows_one]
-    kk[:P] += np.einsum('pi,pi->p', J2, W2) * count[rows_two]
-    target = -np.maximum(room, 0.0) / h
-    vb = Vb.ravel().copy()
-    lamb = np.zeros(Q)
-    for _ in range(LIMIT_ROUNDS):
-        new = np.maximum(lamb + OMEGA * (target - Jm @ vb) / kk, 0.0)
-        vb += Wm @ (new - lamb)
-        lamb = new
-    dvb = vb.reshape(C, 6) - Vb
-    limited = lamb[:P][pair] * share
-    give(limited[:, None] * normal)
-    # what obstacles give
-    if obstacles:
-        add = _sum(lamb[P:, None] * J1[P:, :3], rows_one[P:], C)
-        P0 += add
-        L0 += _sum(lamb[P:, None] * J1[P:, 3:], rows_one[P:], C) + rigid_motion.cross(
-            crowd.centre, add
-        )
-    v += dvb[body_of, :3] + rigid_motion.cross(dvb[body_of, 3:], x - crowd.centre[body_of])
-    dV = dV + dvb[:, :3]
-    dOmega = dOmega + dvb[:, 3:]
-    if PUSH:
-        rr = np.zeros(Q)
-        nn = np.zeros(6 * C)
-        want = np.maximum(-room, 0.0) * PUSH
-        for _ in range(LIMIT_ROUNDS):
-            new = np.maximum(rr + OMEGA * (want - Jm @ nn) / kk, 0.0)
-            nn += Wm @ (new - rr)
-            rr = new
-        nn = nn.reshape(C, 6)
-        shift = nn[body_of, :3]
-        x += shift
-        lift += shift
-    # --- particles
-    inv = 1.0 / crowd.weight[used]
-    cnt = np.diff(GT.indptr)
-    K = G.power(2) @ (inv * cnt)
-    vel = v[used]
-    pos = x[used]
-    gap = touches.depth - np.einsum('ij,ij->i', G @ lift[used], n_own)
-    total = np.zeros(k)
-    e_speed = speeds(crowd.velocity + dV, omega + dOmega)
-    for _ in range(ROUNDS):
-        u = np.einsum('ij,ij->i', G @ vel, n_own)
-        lam = np.maximum(-u, 0.0) / K
-        total += lam
-        vel += inv[:, None] * (GT @ (lam[:, None] * n_own))
-    give((sign * total)[:, None] * n_own)
-    # friction
-    rel = G @ vel
-    rel -= np.einsum('ij,ij->i', rel, n_own)[:, None] * n_own
-    f = np.sqrt(crowd.friction[touches.body] * crowd.friction[touches.other])
-    J = -(f / K)[:, None] * rel
-    coul = crowd.coulomb[touches.body] | crowd.coulomb[touches.other]
-    if coul.any():
-        size = np.linalg.norm(rel, axis=1)
-        stop = np.minimum(f * (total + carried) * K / np.maximum(size, 1e-300), 1.0)
-        J = np.where(coul[:, None], -(stop / K)[:, None] * rel, J)
-    vel += inv[:, None] * (GT @ J)
-    give(sign[:, None] * J)
-    v[used] = vel
-    for _ in range(PUSH_OUT_ROUNDS):
-        lam = np.maximum(gap, 0.0) / K
-        move = inv[:, None] * (GT @ (lam[:, None] * n_own))
-        pos += move
-        gap -= np.einsum('ij,ij->i', G @ move, n_own)
-    x[used] = pos
-    # --- rebound
-    given = np.bincount(pair, total, P)
-    V1 = crowd.velocity + dV
-    g = max(float(np.linalg.norm(gravity)), 1e-300)
-    settling = np.sqrt(g * contact.SINKAGE * scale)
-    leaving = np.clip(
-        (mean(speeds(V1, omega + dOmega)) + 0.5 * given / reduced) / settling - contact.SETTLED,
-        0.0,
-        1.0,
-    )
-    eps = np.sqrt(crowd.elasticity[one] * crowd.elasticity[two])
-    lost = 0.5 * (1.0 - eps) * leaving
-    absorbed = -lost[pair] * total
-    out1, out2 = give(sign[:, None] * absorbed[:, None] * n_own)
-    # --- momentum
-    V = crowd.velocity + P0 * inv_mass[:, None]
-    wx = crowd.weight[:, None] * x
-    sums = lambda values: np.stack(
-        [np.add.reduceat(values[:, i], crowd.first[:-1]) for i in range(3)], 1
-    )
-    c = sums(wx) * inv_mass[:, None]
-    L_origin = (
-        crowd.spin * crowd.mass[:, None]
-        + crowd.mass[:, None] * rigid_motion.cross(crowd.centre, crowd.velocity)
-        + L0
-    )
-    spin = L_origin * inv_mass[:, None] - rigid_motion.cross(c, V)
-    arms = x - c[body_of]
-    wv = crowd.weight[:, None] * v
-    Vnow = sums(wv) * inv_mass[:, None]
-    spin_now = sums(rigid_motion.cross(arms, wv)) * inv_mass[:, None]
-    wa = crowd.weight[:, None] * arms
-    gram = np.stack([sums(wa[:, i : i + 1] * arms) for i in range(3)], 1) * inv_mass[:, None, None]
-    inertia = rigid_motion._inertia(gram)
-    inverse = np.linalg.inv(inertia)
-    dO = rigid_motion.applied(inverse, spin - spin_now)
-    v += (V - Vnow)[body_of] + rigid_motion.cross(dO[body_of], arms)
-    start = 0
+
+
+def _standing(
+    crowd: Crowd, obstacles: Sequence[Obstacle]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return which bodies stand on obstacles, (q,), their rows, (q, 6), and the room left, (q,) m.
+    """
+    body, rows, room = [np.zeros(0, np.int64)], [np.zeros((0, 6))], [np.zeros(0)]
     for source in crowd.sources:
-        n = len(source.rows) * source.skin.rest.particle_count
-        source.take(source.flight.particles.x, x[start : start + n])
-        source.take(source.flight.particles.v, v[start : start + n])
-        start += n
-        b = slice(source.first, source.first + len(source.rows))
-        m = source.flight.motion
-        m.centre[source.rows] = c[b]
-        m.velocity[source.rows] = V[b]
-        m.spin[source.rows] = spin[b]
-        m.inverse_inertia[source.rows] = inverse[b]
-        source.flight.tick.load[source.rows] = out_load(dV, crowd, h)[b]
-
-
-LIMIT, LIMIT_ROUNDS, OMEGA, PUSH = 0.1, 20, 1.0, 0.2
-
-
-def _sum(values, group, count):
-    return np.stack([np.bincount(group, values[:, i], count) for i in range(values.shape[1])], 1)
-
-
-def _obstacle_rows(crowd, obstacles, h):
-    J, body, room, surf = [], [], [], []
-    for source in crowd.sources:
-        f = source.flight
-        rest = f.tick.rest
+        flight, tick = source.flight, source.flight.tick
+        x, bodies = flight.particles.x, len(flight.batch.x)
         for obstacle in obstacles:
-            cs = contact.find(f.particles.x, obstacle, f.tick.gains.thickness)
-            number = np.full(len(f.batch.x), -1)
-            number[source.rows] = source.first + np.arange(len(source.rows))
-            cs = cs.where(number[cs.body] >= 0)
-            if not len(cs):
+            contacts = contact.find(x, obstacle, tick.gains.thickness, bodies=source.rows)
+            if not len(contacts):
                 continue
-            patch = contact._patch(f.particles.x, cs, f.motion, rest)
-            sunk = contact.depth_of_goals(cs, obstacle, f.match.goals[1], f.tick)
-            B = len(f.batch.x)
-            d = patch.mean(sunk)
-            j = np.concatenate(
-                [
-                    _sum(patch.share[:, None] * cs.normal, cs.body, B),
-                    _sum(patch.share[:, None] * patch.levers, cs.body, B),
-                ],
-                1,
-            )
-            rows = np.unique(cs.body)
-            J.append(j[rows])
-            body.append(number[rows])
-            room.append(LIMIT * rest.scale - d[rows])
-    if not J:
-        return np.zeros((0, 6)), np.zeros(0, int), np.zeros(0), None
-    return np.concatenate(J), np.concatenate(body), np.concatenate(room), None
+            patch = contact.make_patch(x, contacts, flight.motion, tick.rest)
+            sunk = contact.depth_of_goals(x, contacts, obstacle, flight.match.goals[1], tick)
+            touching = np.unique(contacts.body)
+            row = patch.share[:, None] * np.hstack([contacts.normal, patch.levers])
+            body.append(source.first + np.searchsorted(source.rows, touching))
+            rows.append(_sums(row, contacts.body, bodies)[touching])
+            room.append((DEEPEST * tick.rest.scale - patch.mean(sunk))[touching])
+    return np.concatenate(body), np.concatenate(rows), np.concatenate(room)
 
 
-def out_load(dV, crowd, h):
-    return dV / h
+# ------------------------------------------------------------------------------------- particles
+@dataclass(frozen=True)
+class Pushes:
+    """
+    What touching particles and faces get: impulses (k,) along the normals, (k, 3) of friction.
+
+    Those of friction are what the first body of a pair gets.
+    """
+
+    normal: np.ndarray
+    friction: np.ndarray
 
 
-def loads(crowd, one, two, normal, gravity):
-    """top down"""
-    g = np.linalg.norm(gravity)
-    P = len(one)
-    load = np.zeros(P)
-    if g == 0.0:
-        return load
-    down = gravity / g
-    along = normal @ down  # >0: 'one' is pushed down -> two is above
-    upper = np.where(along < 0, one, two)
-    lowerb = np.where(along < 0, two, one)
-    height = -(crowd.centre @ down)
-    c = np.abs(along)
-    # order of upper by height, top first
-    order = np.argsort(-height[upper], kind='stable')
-    force = crowd.mass * g  # downwards force to carry
-    force = force.tolist()
-    square = np.bincount(upper, c * c, len(crowd)).tolist()
-    up, lo, cc = upper.tolist(), lowerb.tolist(), c.tolist()
-    for j in order.tolist():
-        u = up[j]
-        l = force[u] * cc[j] / max(square[u], 0.1)
-        load[j] = l
-        force[lo[j]] += l * cc[j]
-    return load
+def collide(
+    meeting: Meeting, carried: np.ndarray, shift: np.ndarray, slow: float, h: float
+) -> Pushes:
+    """
+    Stop the approach of particles and faces and move them out of each other, in place.
+
+    Parameters
+    ----------
+    meeting : Meeting
+    carried : (k,) float
+        load that is carried besides, N s: friction may count on it
+    shift : (N, 3) float
+        by which the particles have been moved since they were found to touch, m
+    slow : float
+        speed up to which nothing bounces, m/s
+    h : float
+        s
+
+    """
+    crowd, touches = meeting.crowd, meeting.touches
+    grip, normal = Grip(meeting), touches.normal
+    stiffness = grip.stiffness(normal)
+    before = crowd.v[grip.particle]
+
+    speed = grip.along(normal, before)
+    bounces = crowd.rigid[touches.body] & crowd.rigid[touches.other] & (speed < -slow)
+    wanted = np.where(
+        bounces, -_between(crowd.elasticity, touches.body, touches.other) * speed, 0.0
+    )
+    push, velocity = np.zeros(len(touches)), before
+    for _ in range(RIGID_ROUNDS if grip.some_rigid else SOFT_ROUNDS):
+        missing = wanted - grip.along(normal, velocity)
+        push = np.maximum(push + missing / stiffness, 0.0)
+        velocity = before + grip.spread(push[:, None] * normal)
+
+    sliding = grip.tangential(normal, velocity)
+    rubbed = _rubbed(crowd, touches, sliding, (push + carried) * stiffness)
+    speeds = np.linalg.norm(sliding, axis=1)
+    along = sliding / np.where(speeds > 0.0, speeds, 1.0)[:, None]
+    rubbed = (rubbed / np.where(speeds > 0.0, grip.stiffness(along), np.inf))[:, None]
+    friction = -rubbed * sliding
+
+    # friction takes back the same share of the way as of the speed: what sticks does not creep
+    way = crowd.x[grip.particle] - crowd.start[grip.particle]
+    back = -rubbed * grip.tangential(normal, way)
+    depth = touches.depth - grip.along(normal, shift[grip.particle])
+    out = np.zeros(len(touches))
+    for _ in range(PUSH_OUT_ROUNDS):
+        moved = grip.spread(back + out[:, None] * normal)
+        out = np.maximum(out + (depth - grip.along(normal, moved)) / stiffness, 0.0)
+
+    grip.give(crowd.v, push[:, None] * normal + friction)
+    grip.give(crowd.x, back + out[:, None] * normal)
+    return Pushes(push, meeting.sign[:, None] * friction)
+
+
+class Grip:
+    """
+    What impulses at touching places do to the particles there: each acts on a particle and a face.
+
+    Particles and bodies count as many times as they are touched: so all impulses can be found at
+    once without more than stopping anything (mass splitting: Tonge, Benevolenski, Voroshilov 2012,
+    Mass splitting for jitter-free parallel rigid body simulation).
+
+    Attributes
+    ----------
+    particle : (u,) int
+        the particles that touch, and those at the corners of touched faces
+    some_rigid : bool
+        whether some of them belong to rigid bodies, which are moved as wholes
+
+    """
+
+    def __init__(self, meeting: Meeting) -> None:
+        self._crowd, self._touches = meeting.crowd, meeting.touches
+        crowd, touches, count = meeting.crowd, meeting.touches, len(meeting.touches)
+        columns = np.column_stack([touches.particle, touches.corners])
+        values = np.column_stack([np.ones(count), -touches.share])
+        self.particle, place = np.unique(columns, return_inverse=True)
+        shape = (count, len(self.particle))
+        self._relative = csr_array(
+            (values.ravel(), place.ravel(), np.arange(0, 4 * count + 1, 4)), shape=shape
+        )
+        self._spread = self._relative.T.tocsr()
+        rigid = crowd.rigid[crowd.body[self.particle]]
+        self.some_rigid = bool(rigid.any())
+        self._rigid_particle = np.flatnonzero(rigid)
+        self._lightness = np.where(rigid, 0.0, crowd.lightness[self.particle])
+        touched = np.diff(self._spread.indptr)
+        square = csr_array(
+            (self._relative.data**2, self._relative.indices, self._relative.indptr), shape=shape
+        )
+        self._soft_stiffness = square @ (self._lightness * touched)
+        if self.some_rigid:
+            sides = (touches.body, touches.other)
+            touched = sum(np.bincount(body, minlength=len(crowd)) for body in sides)
+            # of bodies that are not rigid, and of those that do not give way, none
+            counted = np.where(crowd.rigid, touched, 0)[:, None, None]
+            self._rigid_mobility = meeting.mobility * (crowd.rigid[:, None, None])
+            self._counted_mobility = meeting.mobility * counted
+            self._arms = [meeting.point - crowd.centre[body] for body in sides]
+
+    def stiffness(self, direction: np.ndarray) -> np.ndarray:
+        """Return what unit impulses along directions (k, 3) do to relative speeds, (k,), 1/kg."""
+        if not self.some_rigid:
+            return self._soft_stiffness
+        total = self._soft_stiffness.copy()
+        for body, arms in zip((self._touches.body, self._touches.other), self._arms, strict=True):
+            row = np.hstack([direction, rigid_motion.cross(arms, direction)])
+            total += np.einsum('ij,ijk,ik->i', row, self._counted_mobility[body], row)
+        return np.maximum(total, 1e-300)
+
+    def along(self, normal: np.ndarray, field: np.ndarray) -> np.ndarray:
+        """Return how far a field (u, 3) brings particles from their faces along normals, (k,)."""
+        return np.einsum('ij,ij->i', self._relative @ field, normal)
+
+    def tangential(self, normal: np.ndarray, field: np.ndarray) -> np.ndarray:
+        """Return how far it brings them along the faces, (k, 3)."""
+        relative = self._relative @ field
+        return relative - np.einsum('ij,ij->i', relative, normal)[:, None] * normal
+
+    def spread(self, impulse: np.ndarray) -> np.ndarray:
+        """Return what impulses (k, 3) on the particles, and back on faces, change: (u, 3)."""
+        change = self._lightness[:, None] * (self._spread @ impulse)
+        if self.some_rigid:
+            particle = self.particle[self._rigid_particle]
+            change[self._rigid_particle] = self._crowd.field(self._rigid_twist(impulse))[particle]
+        return change
+
+    def give(self, field: np.ndarray, impulse: np.ndarray) -> None:
+        """Change a field (N, 3) of the crowd by impulses (k, 3), in place."""
+        field[self.particle] += self._lightness[:, None] * (self._spread @ impulse)
+        if self.some_rigid:
+            field += self._crowd.field(self._rigid_twist(impulse))
+
+    def _rigid_twist(self, impulse: np.ndarray) -> np.ndarray:
+        total = np.zeros((len(self._crowd), 6))
+        sides = zip(
+            (1.0, -1.0), (self._touches.body, self._touches.other), self._arms, strict=True
+        )
+        for sign, body, arms in sides:
+            both = np.hstack([impulse, rigid_motion.cross(arms, impulse)])
+            total += sign * _sums(both, body, len(total))
+        return rigid_motion.applied(self._rigid_mobility, total)
+
+
+def _between(values: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    """Return the geometric means of what two bodies have; NaN is of no account."""
+    one, two = values[one], values[two]
+    one, two = np.where(np.isnan(one), two, one), np.where(np.isnan(two), one, two)
+    return np.sqrt(one * two)
+
+
+def _rubbed(
+    crowd: Crowd, touches: Touches, sliding: np.ndarray, pressed: np.ndarray
+) -> np.ndarray:
+    """
+    Return the share (k,) of the sliding that friction takes.
+
+    Coulomb's law counts as soon as one of the bodies has it.
+    """
+    share = _between(crowd.friction, touches.body, touches.other)
+    if not crowd.coulomb.any():
+        return share
+    coulomb = crowd.coulomb[touches.body] | crowd.coulomb[touches.other]
+    own = np.where(crowd.coulomb, crowd.friction, np.nan)
+    coefficient = np.where(coulomb, _between(own, touches.body, touches.other), 0.0)
+    speed = np.linalg.norm(sliding, axis=1)
+    bound = coefficient * pressed / np.where(speed > 0.0, speed, 1.0)
+    return np.where(coulomb, np.minimum(bound, 1.0), share)
+
+
+# --------------------------------------------------------------------------------------- the end
+def absorbed_rebound(
+    meeting: Meeting, pushes: Pushes, twist: np.ndarray, gravity: np.ndarray
+) -> np.ndarray:
+    """
+    Return the impulses (k,) that bodies of little elasticity do not get back when they rebound.
+
+    As `contact.absorbed_rebound`, for each pair: along the normals, not positive, N s.
+    """
+    crowd = meeting.crowd
+    # the speed halfway through the push
+    given = np.bincount(meeting.pair, pushes.normal, len(meeting.one)) / meeting.reduced_mass
+    speed = (meeting.speed(twist) + 0.5 * given) / meeting.settling(gravity)
+    leaving = np.clip(speed - contact.SETTLED, 0.0, 1.0)
+    # rigid ones bounce at once
+    soft = meeting.apart & ~(crowd.rigid[meeting.one] & crowd.rigid[meeting.two])
+    lost = 0.5 * (1.0 - _between(crowd.elasticity, meeting.one, meeting.two)) * leaving * soft
+    return -lost[meeting.pair] * pushes.normal
+
+
+def part(
+    meeting: Meeting, impulses: np.ndarray, from_obstacles: np.ndarray, pressed: np.ndarray
+) -> None:
+    """
+    Give the bodies back to their flights with the momentum that follows from the impulses.
+
+    That moving particles out of each other changes angular momentum is made good here.
+
+    Parameters
+    ----------
+    meeting : Meeting
+    impulses : (k, 3) float
+        that the first body of each pair has got from the second, N s
+    from_obstacles : (C, 2, 3) float
+        impulses and turning impulses about the centres of mass that come besides, N s, N m s
+    pressed : (C, 3) float
+        acceleration by the weight of others, m/s²
+
+    """
+    crowd, count = meeting.crowd, len(meeting.crowd)
+    both = np.hstack([impulses, rigid_motion.cross(meeting.point, impulses)])
+    total = _sums(both, meeting.one[meeting.pair], count)
+    total -= _sums(both, meeting.two[meeting.pair], count)
+    turning = total[:, 3:] - rigid_motion.cross(crowd.centre, total[:, :3])
+    received = np.stack([total[:, :3], turning], axis=1) + from_obstacles
+    received *= crowd.body_lightness[:, None, None]
+    velocity = crowd.twist[:, :3] + received[:, 0]
+    # angular momentum about the old centre of mass; of the way to the new one see below
+    spin = crowd.spin + received[:, 1]
+    for source in crowd.sources:
+        own, rows, flight = source.bodies, source.rows, source.flight
+        first, last = crowd.first[own.start], crowd.first[own.stop]
+        source.put(flight.particles.x, crowd.x[first:last])
+        source.put(flight.particles.v, crowd.v[first:last])
+        x, v, rest = flight.particles.x[rows], flight.particles.v[rows], flight.tick.rest
+        centre = weighted(x, rest.weights)
+        about = spin[own] - rigid_motion.cross(centre - crowd.centre[own], velocity[own])
+        now = rigid_motion.rigid_motion(x, v, centre, rest)
+        turn = rigid_motion.applied(now.inverse_inertia, about - now.spin)
+        v += rigid_motion.field(x, centre, velocity[own] - now.velocity, turn)
+        flight.particles.v[rows] = v
+        motion = flight.motion
+        motion.centre[rows], motion.velocity[rows], motion.spin[rows] = (
+            centre,
+            velocity[own],
+            about,
+        )
+        motion.inverse_inertia[rows] = now.inverse_inertia
+        flight.particles.received[rows] += received[own]
+        flight.particles.pressed[rows] += pressed[own]

@@ -278,7 +278,7 @@ def meet(
             continue
         if changed:
             motion = rigid_motion.rigid_motion(particles.x, particles.v, motion.centre, tick.rest)
-        patch = _patch(particles.x, contacts, motion, tick.rest)
+        patch = make_patch(particles.x, contacts, motion, tick.rest)
         sunk = depth_of_goals(particles.x, contacts, obstacle, goals, tick)
         _respond(particles, patch, sunk, tick)
         near, changed = nearby(particles, obstacles, thickness), True
@@ -287,17 +287,19 @@ def meet(
 def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -> None:
     """Let bodies meet an obstacle: as wholes, by their particles, and as wholes again."""
     x, v, contacts = particles.x, particles.v, patch.contacts
-    carried = carried_weight(patch, sunk, tick)
+    carried = carried_weight(patch, sunk, tick.gravity + particles.pressed, tick)
     if carried.any():
         lift = patch.motion_by(carried, x)
         v += lift
         lift *= 0.5 * tick.h
         x += lift
         contacts = contacts.after(lift)
-    push = collide(particles, contacts, carried / patch.weight, tick)
+    push, change = collide(particles, contacts, carried / patch.weight, tick)
     absorbed = absorbed_rebound(patch, push, tick)
     if absorbed.any():
         v += patch.motion_by(absorbed, x)
+    as_whole = (carried + absorbed)[:, None] * contacts.normal
+    particles.received[:] += patch.momentum_of(as_whole + patch.weight[:, None] * change)
 
 
 @dataclass(frozen=True)
@@ -342,6 +344,14 @@ class Patch:
         speeds += np.einsum('ij,ij->i', motion.angular_velocity[body], self.levers)
         return self.mean(speeds)
 
+    def momentum_of(self, impulse: np.ndarray) -> np.ndarray:
+        """Return (B, 2, 3): the sums of impulses (k, 3), and of what they turn."""
+        body, bodies = self.contacts.body, len(self.motion.centre)
+        turning = rigid_motion.cross(self.arms, impulse)
+        return np.stack(
+            [_per_body(impulse, body, bodies), _per_body(turning, body, bodies)], axis=1
+        )
+
     def motion_by(self, impulse: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return the rigid motions (B, 3, n) that impulses (k,) along the normals cause, m/s."""
         body = self.contacts.body
@@ -351,7 +361,8 @@ class Patch:
         return rigid_motion.field(x, self.motion.centre, velocity, angular_velocity)
 
 
-def _patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patch:
+def make_patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patch:
+    """Return where bodies at x (B, 3, n), m, touch an obstacle."""
     body, particle = contacts.body, contacts.particle
     # a particle without area has no weight: it must not divide by zero
     weight = np.maximum(rest.weights[particle].astype(np.float64), 1e-300)
@@ -376,7 +387,7 @@ def depth_of_goals(
     return np.maximum(depth, 0.0)
 
 
-def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
+def carried_weight(patch: Patch, sunk: np.ndarray, weight: np.ndarray, tick: Tick) -> np.ndarray:
     """
     Return the impulses by which the obstacle carries the weight of bodies that sink into it.
 
@@ -389,6 +400,8 @@ def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
     patch : Patch
     sunk : (k,) float
         depth of each touching particle's goal, m, not negative
+    weight : (B, 3) float
+        of the bodies and of what lies on them, m/s²
     tick : Tick
 
     Returns
@@ -399,17 +412,8 @@ def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
     """
     body, h = patch.contacts.body, tick.h
     depth = patch.mean(sunk)
-    force = (tick.gravity + tick.load)[body] if tick.load.any() else tick.gravity[None]
-    load = patch.mean(
-        np.maximum(
-            -np.einsum(
-                'ij,ij->i',
-                patch.contacts.normal,
-                np.broadcast_to(force, patch.contacts.normal.shape),
-            ),
-            0.0,
-        )
-    )
+    heaviness = -np.einsum('ij,ij->i', patch.contacts.normal, weight[body])
+    load = patch.mean(np.maximum(heaviness, 0.0))
     softness = np.maximum(SINKAGE * tick.rest.scale, 4.0 * load * h**2)
     spring = load * -np.expm1(-depth / softness)
     damping = 2.0 * np.sqrt(load / softness)
@@ -453,7 +457,7 @@ def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
 
 def collide(
     particles: Particles, contacts: Contacts, carried: np.ndarray, tick: Tick
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """
     Project particles out of an obstacle and stop their approach, in place.
 
@@ -473,8 +477,10 @@ def collide(
 
     Returns
     -------
-    (k,) float
+    push : (k,) float
         speeds that the particles have got along the normals, m/s
+    change : (k, 3) float
+        all that has changed of their velocities, m/s
 
     """
     x, v, gains = particles.x, particles.v, tick.gains
@@ -499,7 +505,7 @@ def collide(
     v[body, :, particle] = (
         contacts.surface_velocity + (normal_speed + push)[:, None] * normal + kept * tangential
     )
-    return push
+    return push, push[:, None] * normal - (1.0 - kept) * tangential
 
 
 def _per_body(values: np.ndarray, body: np.ndarray, bodies: int) -> np.ndarray:

@@ -84,7 +84,7 @@ class Crowd:
         of the particles: 1 / mass, 1/kg
     body_lightness : (C,) float
         of the bodies, 1/kg
-    rigid, elasticity, friction, coulomb, thickness, scale : (C,)
+    rigid, elasticity, bounciness, friction, coulomb, thickness, scale : (C,)
         of the bodies, see `Gains` and `RestShape`
     centre : (C, 3) float
         m
@@ -109,6 +109,7 @@ class Crowd:
     body_lightness: np.ndarray
     rigid: np.ndarray
     elasticity: np.ndarray
+    bounciness: np.ndarray
     friction: np.ndarray
     coulomb: np.ndarray
     thickness: np.ndarray
@@ -132,10 +133,6 @@ class Crowd:
         result[:, [0, 1, 2], [0, 1, 2]] = self.body_lightness[:, None]
         result[:, 3:, 3:] = self.body_lightness[:, None, None] * self.inverse_inertia
         return result
-
-    def moved_bodies(self) -> slice:
-        """Return the numbers of the bodies that give way."""
-        return slice(0, self.sources[-1].bodies.stop)
 
 
 def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) -> Crowd:
@@ -163,12 +160,11 @@ def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) ->
     inverse_inertia, spin = of_motion('inverse_inertia'), of_motion('spin')
     thickness = of_gains('thickness', points.radius)
     body = np.repeat(np.arange(len(counts)), counts)
-    with np.errstate(divide='ignore'):
-        shares = np.concatenate([*weights, np.ones(len(points))]).astype(np.float64)
+    shares = np.concatenate([*weights, np.ones(len(points))]).astype(np.float64)
     return Crowd(
         sources=sources,
         source=np.repeat(
-            np.arange(len(sources) + 1), [*map(len, weights_rows(sources)), len(obstacle)]
+            np.arange(len(sources) + 1), [*(len(each.rows) for each in sources), len(obstacle)]
         ),
         first=np.concatenate([[0], np.cumsum(counts)]),
         body=body,
@@ -182,6 +178,7 @@ def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) ->
         body_lightness=lightness,
         rigid=of_gains('rigid', True),
         elasticity=of_gains('elasticity', np.nan),
+        bounciness=of_gains('bounciness', np.nan),
         friction=of_gains('friction', np.nan),
         coulomb=of_gains('coulomb', False),
         thickness=thickness,
@@ -198,7 +195,3 @@ def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) ->
         spin=spin,
         inverse_inertia=inverse_inertia,
     )
-
-
-def weights_rows(sources: Sequence[Source]) -> list[np.ndarray]:
-    return [each.rows for each in sources]

@@ -139,7 +139,7 @@ def fly(
         if a number would not be finite.
 
     """
-    tick = Tick(batch.rest, batch.regions, gains, gravity, h, np.zeros((len(batch.x), 3)))
+    tick = Tick(batch.rest, batch.regions, gains, gravity, h)
     particles = predict(batch, tick)
     match = goals.find(particles, pinned, tick)
     damp(particles, match.centre, tick)

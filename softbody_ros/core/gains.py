@@ -80,6 +80,7 @@ class Gains:
     deformation: np.ndarray
     volume_conservation: np.ndarray
     elasticity: np.ndarray
+    bounciness: np.ndarray
     friction: np.ndarray
     coulomb: np.ndarray
     thickness: np.ndarray
@@ -143,6 +144,7 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
         (beta_s, beta_k),
         (conserved_s, conserved_k),
         body.elasticity,
+        body.bounciness,
         friction,
         body.friction_model == 'coulomb',
         body.thickness,

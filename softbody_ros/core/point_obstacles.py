@@ -5,8 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+
+from softbody_ros.core.boxes import inside_boxes
 
 MOST_POINTS = 20_000
 """What is left of a larger cloud: more cost time and push no better."""
@@ -37,6 +40,28 @@ class PointObstacles:
         reach = self.radius + margin
         inside = (self.points >= low - reach) & (self.points <= high + reach)
         return self.points[inside.all(axis=1)]
+
+    def inside(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return boxes (j,) and points (j,) whose spheres come into them; corners (b, 3) in m."""
+        if not len(self):
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        low, high = low - self.radius, high + self.radius
+        along = self._sorted[:, 0]
+        start, stop = np.searchsorted(along, low[:, 0]), np.searchsorted(along, high[:, 0])
+        box, place = inside_boxes(self._sorted, start, stop - start, low, high)
+        return box, self._order[place]
+
+    def some(self, chosen: np.ndarray) -> PointObstacles:
+        """Return some of the points, given as indices."""
+        return PointObstacles(self.points[chosen], self.radius)
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        return np.argsort(self.points[:, 0], kind='stable')
+
+    @cached_property
+    def _sorted(self) -> np.ndarray:
+        return self.points[self._order]
 
 
 NO_POINTS = PointObstacles(np.zeros((0, 3)), 0.0)

@@ -69,6 +69,8 @@ def collide(particles: Particles, body: int, contacts: Contacts, tick: Tick) -> 
 
     # a load acts all through the tick, a bounce happens at the surface
     change = np.zeros(6) if bounced else 0.5 * tick.h * (motion - before)
+    particles.received[body, 0] += motion[:3] - before[:3]
+    particles.received[body, 1] += np.linalg.pinv(mobility[3:, 3:]) @ (motion - before)[3:]
     offsets = Rotation.from_rotvec(change[3:]).apply((x - centre[:, None]).T).T
     x[:] = offsets + (centre + change[:3])[:, None]
     v[:] = motion[:3, None] + np.cross(motion[3:], offsets, axisb=0, axisc=0)

@@ -100,7 +100,7 @@ def field(
 
 
 def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return the products (B, 3) of tensors (B, 3, 3) with vectors (B, 3)."""
+    """Return the products (…, i) of tensors (…, i, j) with vectors (…, j)."""
     return np.matmul(tensor, vectors[..., None])[..., 0]
 
 

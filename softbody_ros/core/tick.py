@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,6 +33,11 @@ class Particles:
         positions at the tick before, m
     plastic : (B, 1 + K, 3, 3) float or None
         plastic state at the tick before, see `plasticity`
+    received : (B, 2, 3) float
+        impulse, m/s, and turning impulse about the centre of mass, m²/s, that contacts have given
+        in this tick, per mass: the stages change them in place
+    pressed : (B, 3) float
+        what others that lie on a body add to its weight, m/s²: the same
 
     """
 
@@ -40,6 +45,12 @@ class Particles:
     v: np.ndarray
     start: np.ndarray
     plastic: np.ndarray | None = None
+    received: np.ndarray = field(init=False)
+    pressed: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'received', np.zeros((len(self.x), 2, 3)))
+        object.__setattr__(self, 'pressed', np.zeros((len(self.x), 3)))
 
     def of(self, bodies: np.ndarray) -> Particles:
         """Return copies of the particles of some of the bodies, given as indices."""
@@ -69,7 +80,6 @@ class Tick:
     gains: Gains
     gravity: np.ndarray
     h: float
-    load: np.ndarray
 
     @property
     def slow(self) -> float:

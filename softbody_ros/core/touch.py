@@ -17,35 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.core import rigid_motion
+from softbody_ros.core.boxes import Boxes, inside_boxes, overlapping
 from softbody_ros.core.crowd import Crowd, Source
 from softbody_ros.core.skin import Skin
 
+SLACK = 1e-6
+"""Width around boxes, in RMS radii: what lies flush with another touches it."""
 INTO_ITSELF = 0.02
-LEAST_SHARE = -1e-9
-"""Barycentric coordinate below which a point is not over a face."""
+"""Share of the way to its own body's centre by which a particle is looked up inwards."""
 
 
-@dataclass(frozen=True)
-class Boxes:
-    """
-    Axis-aligned boxes around the pieces of bodies.
-
-    Attributes
-    ----------
-    low, high : (N, 3) float
-        m
-    body, piece : (N,) int
-        numbers of the body among all, and of the piece in it
-
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    body: np.ndarray
-    piece: np.ndarray
-
-
-def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, first_body: int) -> Boxes:
+def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, number: np.ndarray) -> Boxes:
     """
     Return the boxes around the pieces of bodies that share a skin.
 
@@ -56,8 +38,8 @@ def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, first_body: int) -> Box
     skin : Skin
     margin : (B,) float
         m
-    first_body : int
-        number of the first of them
+    number : (B,) int
+        of the bodies among all
 
     """
     if skin.pieces == 1:
@@ -66,73 +48,32 @@ def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, first_body: int) -> Box
         covered = x[..., skin.covered]
         low = np.minimum.reduceat(covered, skin.covered_first, axis=2).swapaxes(1, 2)
         high = np.maximum.reduceat(covered, skin.covered_first, axis=2).swapaxes(1, 2)
-    body = np.arange(first_body, first_body + len(x))
-    wide = margin[:, None, None]
+    wide = (margin + SLACK * skin.rest.scale)[:, None, None]
     return Boxes(
-        (low - wide - 1e-6 * skin.rest.scale).reshape(-1, 3).astype(np.float64),
-        (high + wide + 1e-6 * skin.rest.scale).reshape(-1, 3).astype(np.float64),
-        np.repeat(body, skin.pieces),
+        (low - wide).reshape(-1, 3).astype(np.float64),
+        (high + wide).reshape(-1, 3).astype(np.float64),
+        np.repeat(number, skin.pieces),
         np.tile(np.arange(skin.pieces), len(x)),
     )
 
 
-def joined(parts: Sequence[Boxes]) -> Boxes:
-    """Return the boxes of several batches as one."""
-    return Boxes(
-        np.concatenate([part.low for part in parts]),
-        np.concatenate([part.high for part in parts]),
-        np.concatenate([part.body for part in parts]),
-        np.concatenate([part.piece for part in parts]),
-    )
-
-
-def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return the pairs of boxes that overlap: (p,) int and (p,) int, the first before the second.
-
-    Sort and sweep along the axis in which the boxes are spread the most.
-    """
-    axis = int(np.argmax((low + high).std(axis=0)))
-    order = np.argsort(low[:, axis], kind='stable')
-    low, high = low[order], high[order]
-    behind = np.arange(len(low)) + 1
-    count = np.maximum(np.searchsorted(low[:, axis], high[:, axis]) - behind, 0)
-    first = np.repeat(behind - 1, count)
-    second = ragged(behind, count)
-    meet = np.ones(len(first), dtype=bool)
-    for other in {0, 1, 2} - {axis}:
-        meet &= low[first, other] < high[second, other]
-        meet &= low[second, other] < high[first, other]
-    first, second = order[first[meet]], order[second[meet]]
-    first, second = np.minimum(first, second), np.maximum(first, second)
-    sorted_pairs = np.lexsort((second, first))
-    return first[sorted_pairs], second[sorted_pairs]
-
-
-def ragged(start: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Return start[0] … start[0] + count[0] − 1, start[1] … one after the other."""
-    begin = np.cumsum(count) - count
-    return np.arange(count.sum()) + np.repeat(start - begin, count)
-
-
-def pairs(found: Boxes, strangers: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def pairs(found: Boxes, skins: Sequence[Skin]) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the pairs of boxes whose contents may touch: of two bodies, or of one with itself.
 
     Parameters
     ----------
     found : Boxes
-    strangers : sequence of (P, P) bool
-        of each body, see `Skin`
+    skins : sequence of Skin
+        of each body
 
     """
-    first, second = overlapping(found.low, found.high)
-    same = np.flatnonzero(found.body[first] == found.body[second])
-    kept = np.ones(len(first), dtype=bool)
-    for index in same:
-        a, b = first[index], second[index]
-        kept[index] = strangers[found.body[a]][found.piece[a], found.piece[b]]
-    return first[kept], second[kept]
+    one, two = overlapping(found.low, found.high)
+    kept = found.body[one] != found.body[two]
+    for index in np.flatnonzero(~kept).tolist():
+        a, b = one[index], two[index]
+        kept[index] = skins[found.body[a]].strangers[found.piece[a], found.piece[b]]
+    return one[kept], two[kept]
 
 
 @dataclass(frozen=True)
@@ -149,8 +90,8 @@ class Touches:
         barycentric coordinates of the point of the face that is nearest
     normal : (k, 3) float
         out of the face
-    depth : (k,) float
-        m, with the thickness of both bodies
+    thickness, depth : (k,) float
+        distance that is to be kept, and what is missing of it, m
     body, other : (k,) int
         of the particle, and of the face
 
@@ -160,17 +101,13 @@ class Touches:
     corners: np.ndarray
     share: np.ndarray
     normal: np.ndarray
+    thickness: np.ndarray
     depth: np.ndarray
     body: np.ndarray
     other: np.ndarray
 
     def __len__(self) -> int:
         return len(self.particle)
-
-    def where(self, selected: np.ndarray) -> Touches:
-        """Return some of them, given as a mask or as indices."""
-        columns = (getattr(self, item.name) for item in dataclasses.fields(self))
-        return Touches(*(column[selected] for column in columns))
 
 
 NONE = Touches(
@@ -179,12 +116,20 @@ NONE = Touches(
     np.zeros((0, 3)),
     np.zeros((0, 3)),
     np.zeros(0),
+    np.zeros(0),
     np.zeros(0, np.int64),
     np.zeros(0, np.int64),
 )
 
 
-def find(crowd: Crowd, found: Boxes, first: np.ndarray, second: np.ndarray) -> Touches:
+def find(
+    crowd: Crowd,
+    found: Boxes,
+    one: np.ndarray,
+    two: np.ndarray,
+    particle: np.ndarray,
+    box: np.ndarray,
+) -> Touches:
     """
     Return which particles in one box of a pair are inside faces of the other.
 
@@ -193,24 +138,24 @@ def find(crowd: Crowd, found: Boxes, first: np.ndarray, second: np.ndarray) -> T
     crowd : Crowd
     found : Boxes
         with the numbers of the bodies in the crowd
-    first, second : (p,) int
+    one, two : (p,) int
         pairs of boxes
+    particle, box : (q,) int
+        more particles that may be inside what is in boxes
 
     """
-    of, to = np.concatenate([first, second]), np.concatenate([second, first])
+    of, to = np.concatenate([one, two]), np.concatenate([two, one])
     start, stop = _ranges(crowd, found)
-    pair, point = inside_boxes(
+    pair, inside = inside_boxes(
         crowd.x, start[of], (stop - start)[of], found.low[to], found.high[to]
     )
-    body, box = found.body[of[pair]], to[pair]
+    particle, box = np.concatenate([inside, particle]), np.concatenate([to[pair], box])
     source_of = crowd.source[found.body[box]]
     parts = []
     for index, source in enumerate(crowd.sources):
         mine = np.flatnonzero(source_of == index)
         if len(mine) and source.skin.closed:
-            parts.append(_inside_faces(crowd, source, found, body[mine], point[mine], box[mine]))
-    if len(parts) == 1:
-        return parts[0]
+            parts.append(_inside_faces(crowd, source, found, particle[mine], box[mine]))
     if not parts:
         return NONE
     names = [item.name for item in dataclasses.fields(Touches)]
@@ -231,79 +176,75 @@ def _ranges(crowd: Crowd, found: Boxes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _inside_faces(
-    crowd: Crowd,
-    source: Source,
-    found: Boxes,
-    body: np.ndarray,
-    point: np.ndarray,
-    box: np.ndarray,
+    crowd: Crowd, source: Source, found: Boxes, particle: np.ndarray, box: np.ndarray
 ) -> Touches:
-    """Return which points of the crowd are inside faces of pieces of one source."""
-    skin, match = source.skin, source.flight.match
-    other, piece = found.body[box], found.piece[box]
-    row = source.rows[other - source.first]
-    points = crowd.x[point]
-    inverse = np.linalg.inv(match.posture[source.rows])
-    # a little into its own body, so that the corners of equal boxes on each other find the face
-    looked_up = points + INTO_ITSELF * (crowd.centre[body] - points)
-    offsets = np.matmul(
-        inverse[other - source.first, piece], (looked_up - match.place[row, piece])[..., None]
-    )
-    places = match.origin[row, piece] + offsets[..., 0]
-    face = skin.nearest.nearest(places)
-    over = face >= 0
+    """Return which particles of the crowd are inside faces of pieces of one source's bodies."""
+    skin = source.skin
+    body, other, piece = crowd.body[particle], found.body[box], found.piece[box]
+    points = crowd.x[particle]
+    # the corners of equal boxes on each other lie on the edge between two faces: look inwards
+    aim = points + INTO_ITSELF * (crowd.centre[body] - points)
+    face = skin.nearest.nearest(_in_rest_shape(aim, source, other - source.first, piece))
+    kept = face >= 0
     if skin.pieces > 1:
-        over &= skin.piece_of_face[face] == piece
-    kept = np.flatnonzero(over)
-    body, other, point, points, face = (each[kept] for each in (body, other, point, points, face))
+        kept &= skin.piece_of_face[face] == piece
+    thickness = crowd.thickness[body] + crowd.thickness[other]
 
+    kept = np.flatnonzero(kept)
+    particle, body, other, points, face, thickness = (
+        each[kept] for each in (particle, body, other, points, face, thickness)
+    )
     corners = skin.corners[face] + crowd.first[other][:, None]
-    a, b, c = crowd.x[corners.T]
-    along, across, offset = b - a, c - a, points - a
-    normal = rigid_motion.cross(along, across)
-    double_area = np.sqrt(np.einsum('ij,ij->i', normal, normal))
-    normal /= np.maximum(double_area, 1e-300)[:, None]
-    height = np.einsum('ij,ij->i', offset, normal)
-    depth = crowd.thickness[body] + crowd.thickness[other] - height
-    inside = np.flatnonzero(depth > 0.0)
-    along, across, offset, normal = (each[inside] for each in (along, across, offset, normal))
-    # areas of the triangles that the point makes with two corners
-    second = np.einsum('ij,ij->i', rigid_motion.cross(offset, across), normal)
-    third = np.einsum('ij,ij->i', rigid_motion.cross(along, offset), normal)
-    share = np.stack([double_area[inside] - second - third, second, third], axis=1)
-    share /= np.maximum(double_area[inside], 1e-300)[:, None]
-    beyond = share.min(axis=1) < LEAST_SHARE
-    share = np.maximum(share, 0.0)
-    share /= share.sum(axis=1, keepdims=True)
+    height, normal, share = over_triangles(points, crowd.x[corners.T])
+    touching = np.flatnonzero(height < thickness)
+    depth = thickness - height
     return Touches(
-        point[inside], corners[inside], share, normal, depth[inside], body[inside], other[inside]
+        *(
+            each[touching]
+            for each in (particle, corners, share, normal, thickness, depth, body, other)
+        )
     )
 
 
-def inside_boxes(
-    x: np.ndarray, start: np.ndarray, count: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _in_rest_shape(
+    points: np.ndarray, source: Source, body: np.ndarray, piece: np.ndarray
+) -> np.ndarray:
+    """Return where points (k, 3) are in the rest shape that pieces of a source's bodies have."""
+    match, rows = source.flight.match, source.rows
+    inverse = np.linalg.inv(match.posture[rows])
+    shift = match.origin[rows] - rigid_motion.applied(inverse, match.place[rows])
+    return rigid_motion.applied(inverse[body, piece], points) + shift[body, piece]
+
+
+def over_triangles(
+    points: np.ndarray, corners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return which points of ranges of a list are in which boxes.
+    Return how high points are over the planes of triangles, and over which place.
 
     Parameters
     ----------
-    x : (N, 3) float
-    start, count : (D,) int
-        ranges
-    low, high : (D, 3) float
-        a box for each
+    points : (k, 3) float
+        m
+    corners : (3, k, 3) float
+        m
 
     Returns
     -------
-    range : (k,) int
-    point : (k,) int
+    height : (k,) float
+        m
+    normal : (k, 3) float
+    share : (k, 3) float
+        barycentric coordinates, those of a place beyond the edges brought back to them
 
     """
-    owner = np.repeat(np.arange(len(count)), count)
-    point = ragged(start, count)
-    for axis in range(3):
-        values = x[point, axis]
-        kept = (values > low[owner, axis]) & (values < high[owner, axis])
-        owner, point = owner[kept], point[kept]
-    return owner, point
+    origin = corners[0]
+    along, across, offset = corners[1] - origin, corners[2] - origin, points - origin
+    normal = rigid_motion.cross(along, across)
+    double_area = np.maximum(np.sqrt(np.einsum('ij,ij->i', normal, normal)), 1e-300)
+    normal /= double_area[:, None]
+    second = np.einsum('ij,ij->i', rigid_motion.cross(offset, across), normal) / double_area
+    third = np.einsum('ij,ij->i', rigid_motion.cross(along, offset), normal) / double_area
+    share = np.maximum(np.column_stack([1.0 - second - third, second, third]), 0.0)
+    share /= share.sum(axis=1, keepdims=True)
+    return np.einsum('ij,ij->i', offset, normal), normal, share

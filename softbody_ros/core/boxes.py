@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Axis-aligned boxes: which overlap, and which points are in them (the broad phase)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """
+    Axis-aligned boxes around the pieces of bodies.
+
+    Attributes
+    ----------
+    low, high : (N, 3) float
+        m
+    body, piece : (N,) int
+        numbers of the body among all, and of the piece in it
+
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    body: np.ndarray
+    piece: np.ndarray
+
+
+def joined(parts: Sequence[Boxes]) -> Boxes:
+    """Return the boxes of several batches as one."""
+    return Boxes(
+        np.concatenate([part.low for part in parts]),
+        np.concatenate([part.high for part in parts]),
+        np.concatenate([part.body for part in parts]),
+        np.concatenate([part.piece for part in parts]),
+    )
+
+
+def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the pairs of boxes that overlap: (p,) int and (p,) int, the first before the second.
+
+    Sort and sweep along the axis in which the boxes are spread the most.
+    """
+    axis = int(np.argmax((low + high).std(axis=0)))
+    order = np.argsort(low[:, axis], kind='stable')
+    low, high = low[order], high[order]
+    behind = np.arange(len(low)) + 1
+    count = np.maximum(np.searchsorted(low[:, axis], high[:, axis]) - behind, 0)
+    first = np.repeat(behind - 1, count)
+    second = ragged(behind, count)
+    meet = np.ones(len(first), dtype=bool)
+    for other in {0, 1, 2} - {axis}:
+        meet &= low[first, other] < high[second, other]
+        meet &= low[second, other] < high[first, other]
+    first, second = order[first[meet]], order[second[meet]]
+    first, second = np.minimum(first, second), np.maximum(first, second)
+    sorted_pairs = np.lexsort((second, first))
+    return first[sorted_pairs], second[sorted_pairs]
+
+
+def ragged(start: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return start[0] … start[0] + count[0] − 1, start[1] … one after the other."""
+    begin = np.cumsum(count) - count
+    return np.arange(count.sum()) + np.repeat(start - begin, count)
+
+
+def inside_boxes(
+    x: np.ndarray, start: np.ndarray, count: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return which points of ranges of a list are in which boxes.
+
+    Parameters
+    ----------
+    x : (N, 3) float
+    start, count : (D,) int
+        ranges
+    low, high : (D, 3) float
+        a box for each
+
+    Returns
+    -------
+    range : (k,) int
+    point : (k,) int
+
+    """
+    owner = np.repeat(np.arange(len(count)), count)
+    point = ragged(start, count)
+    for axis in range(3):
+        values = x[point, axis]
+        kept = (values > low[owner, axis]) & (values < high[owner, axis])
+        owner, point = owner[kept], point[kept]
+    return owner, point
