@@ -27,6 +27,8 @@ from softbody_ros.core.tick import Particles, Tick
 
 SINKAGE = 0.01
 """Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
+WALLS = 3
+"""Walls of one obstacle that a fast particle can meet in a tick: in a corner there are three."""
 SETTLED = 0.1
 """Speed, in those of a body that falls by `SINKAGE`, up to which a body does not rebound."""
 
@@ -268,20 +270,23 @@ def meet(
     thickness = tick.gains.thickness
     near = nearby(particles, obstacles, thickness)
     for index, obstacle in enumerate(obstacles):
-        if not len(near[index]):
-            continue
-        contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
-        if not len(contacts):
-            continue
-        contacts = contacts.where(~tick.gains.rigid[contacts.body])
-        if not len(contacts):
-            continue
-        if changed:
-            motion = rigid_motion.rigid_motion(particles.x, particles.v, motion.centre, tick.rest)
-        patch = _patch(particles.x, contacts, motion, tick.rest)
-        sunk = depth_of_goals(particles.x, contacts, obstacle, goals, tick)
-        _respond(particles, patch, sunk, tick)
-        near, changed = nearby(particles, obstacles, thickness), True
+        for _ in range(WALLS):
+            if not len(near[index]):
+                break
+            contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
+            contacts = contacts.where(~tick.gains.rigid[contacts.body])
+            if not len(contacts):
+                break
+            if changed:
+                motion = rigid_motion.rigid_motion(
+                    particles.x, particles.v, motion.centre, tick.rest
+                )
+            patch = _patch(particles.x, contacts, motion, tick.rest)
+            sunk = depth_of_goals(particles.x, contacts, obstacle, goals, tick)
+            _respond(particles, patch, sunk, tick)
+            near, changed = nearby(particles, obstacles, thickness), True
+            if not contacts.swept.any():
+                break
 
 
 def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -> None:

@@ -36,6 +36,8 @@ BLOCK = 4096
 """Cells whose candidates are found at once: bounds the memory."""
 KEPT = 32
 """Grids that are remembered."""
+HALVINGS, OPPOSITE = 20, 0.3
+"""Walls thinner than 2⁻²⁰ of a cell count as that; cosine from which on normals are opposite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,8 @@ class NearestFaces:
         where the faces of each cell begin in `faces`
     faces : (k,) int
         the nearest to the centre of the cell first
+    bound : (k,) float32
+        that the distance of each from the centre is not less than, m
     nearest_face : (N,) int
         the first of each cell, −1 for the border
     far : (N,) int
@@ -77,6 +81,7 @@ class NearestFaces:
     shape: np.ndarray
     first: np.ndarray
     faces: np.ndarray
+    bound: np.ndarray
     nearest_face: np.ndarray
     far: np.ndarray
 
@@ -93,6 +98,27 @@ class NearestFaces:
     def is_clear(self, points: np.ndarray) -> np.ndarray:
         """Return (k,) bool: surely outside and not nearer than `exact_to`; a quick test."""
         return self.far[self._cells(points)] > 0
+
+    @cached_property
+    def half_thickness(self) -> float:
+        """
+        Of the thinnest wall, m, from below; at most `exact_to`.
+
+        From points of the surface inwards, until the far side of the wall is nearer.
+        """
+        corners = np.stack([0.0 * self.triangles.ab, self.triangles.ab, self.triangles.ac])
+        corners = (self.triangles.corner + corners).transpose(2, 0, 1)
+        pieces, face = _split(corners, 1.5 * self.cell)
+        points, outwards = pieces.mean(axis=1), self.triangles.pseudonormals[face, 0]
+        depth = self.exact_to
+        for _ in range(HALVINGS):
+            distance, normal = self.distance(points - depth * outwards)
+            through = (distance > 0.0) | (np.einsum('ij,ij->i', normal, outwards) < -OPPOSITE)
+            if not through.any():
+                break
+            points, outwards = points[through], outwards[through]
+            depth *= 0.5
+        return depth
 
     def nearest(self, points: np.ndarray) -> np.ndarray:
         """Return (k,): the face nearest to the centre of the cell of points (k, 3), −1 outside."""
@@ -132,15 +158,26 @@ class NearestFaces:
         x, y, z = np.clip(scaled, 0.0, (self.shape - 1)[:, None]).astype(np.int64)
         return (x * rows + y) * columns + z
 
+    def _centres(self, cells: np.ndarray) -> np.ndarray:
+        """Return the centres (3, k) of cells (k,), m."""
+        place = np.stack(np.unravel_index(cells, self.shape))
+        return self.origin[:, None] + self.cell * (place + 0.5)
+
     def _distance_within(
         self, points: np.ndarray, cells: np.ndarray, count: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        start = np.cumsum(count) - count
-        faces = self.faces[_ranges(self.first[cells], count)]
         places = points.T
-        square = self.triangles.closest(np.repeat(places, count, axis=1), faces)[0]
+        entry = _ranges(self.first[cells], count)
+        # most cannot be nearer than the first one is: bounds are from the centre of the cell
+        nearest = np.sqrt(self.triangles.closest(places, self.nearest_face[cells])[0])
+        reach = nearest + np.linalg.norm(places - self._centres(cells), axis=0)
+        possible = self.bound[entry] <= np.repeat(reach, count)
+        index = np.repeat(np.arange(len(count)), count)[possible]
+        faces = self.faces[entry[possible]]
+        square = self.triangles.closest(places[:, index], faces)[0]
+        start = np.searchsorted(index, np.arange(len(count)))
         least = np.minimum.reduceat(square, start)
-        hits = np.flatnonzero(square == np.repeat(least, count))
+        hits = np.flatnonzero(square == least[index])
         face = faces[hits[np.searchsorted(hits, start)]]
         distance, normal = self.triangles.signed_distance(places, face)
         far = self.far[cells]
@@ -316,16 +353,18 @@ def _built(surface: Surface) -> NearestFaces:
     diagonal = 3**0.5 * cell
     reach = diagonal + search.radius
     # from a sample: not less than from the surface
-    bound = search.tree.query(centres, distance_upper_bound=reach)[0]
-    near = np.isfinite(bound)
+    from_sample = search.tree.query(centres, distance_upper_bound=reach)[0]
+    near = np.isfinite(from_sample)
     count = np.ones(len(centres), dtype=np.int64)
     far_faces, distance = _face_of_far_cells(centres[~near], search, triangles)
-    near_faces, count[near] = _faces_of_near_cells(
-        centres[near], bound[near], diagonal, search, triangles
+    near_faces, near_bound, count[near] = _faces_of_near_cells(
+        centres[near], from_sample[near], diagonal, search, triangles
     )
     of_near = np.repeat(near, count)
     faces = np.empty(len(of_near), dtype=np.int32)
     faces[of_near], faces[~of_near] = near_faces, far_faces
+    bound = np.zeros(len(faces), dtype=np.float32)
+    bound[of_near] = near_bound
     side = np.zeros(len(centres), dtype=np.int8)
     side[~near] = np.where(distance < 0.0, -1, 1)
     side = _same_in_each_part(side.reshape(inner))
@@ -343,6 +382,7 @@ def _built(surface: Surface) -> NearestFaces:
         inner + 2,
         first,
         faces,
+        bound,
         nearest_face,
         np.pad(side, 1, constant_values=1).ravel(),
     )
@@ -398,14 +438,16 @@ def _faces_of_near_cells(
     diagonal: float,
     search: _Search,
     triangles: Triangles,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return the faces that can be nearest to a point of each cell, nearest first, and their numbers.
+    Return the faces that can be nearest to a point of each cell, nearest first.
+
+    And lower bounds of their distances from the centre, and how many each cell has.
 
     A face that is nearest to a point of a cell is not further from the centre than the nearest
     face of the centre and a diagonal. `bound` (k,) is not less than the distance of the latter.
     """
-    faces, counts = [], []
+    faces, bounds, counts = [], [], []
     for start in range(0, len(centres), BLOCK):
         block = centres[start : start + BLOCK]
         radius = bound[start : start + BLOCK] + diagonal + search.radius
@@ -425,8 +467,9 @@ def _faces_of_near_cells(
         kept = np.flatnonzero(distance <= (least + diagonal)[cell])
         kept = kept[np.lexsort((distance[kept], cell[kept]))]
         faces.append(face[kept])
+        bounds.append(distance[kept] * (1.0 - 1e-6))
         counts.append(np.bincount(cell[kept], minlength=len(block)))
-    return np.concatenate(faces), np.concatenate(counts)
+    return np.concatenate(faces), np.concatenate(bounds), np.concatenate(counts)
 
 
 def _same_in_each_part(side: np.ndarray) -> np.ndarray:

@@ -8,10 +8,12 @@ import numpy as np
 
 from softbody_ros.core.obstacles import Obstacle
 
-STEPS = 32
+STEPS = 16
 """Most steps along a path."""
 TOUCHING = 0.01
 """Distance from the surface, in lengths of the path, at which a particle touches it."""
+INWARDS = 1e-6
+"""Slope up to which a path leads along the surface: that of rounding."""
 
 
 def first_touch(
@@ -51,12 +53,13 @@ def first_touch(
         place = start[going] + (gone[going] / length[going])[:, None] * path[going]
         distance, normal[going] = obstacle.distance(place)
         rest = end[going] - place
-        inwards = np.einsum('ij,ij->i', path[going], normal[going])
+        slope = np.einsum('ij,ij->i', path[going], normal[going]) / length[going]
+        inwards = slope < -INWARDS
         plane_distance[going] = distance + np.einsum('ij,ij->i', rest, normal[going])
         gap = obstacle.at_least(distance) - thickness[going]
-        touched[going] = (inwards < 0.0) & (gap <= TOUCHING * length[going])
+        touched[going] = inwards & (gap <= TOUCHING * length[going])
         # what leads outwards or along the surface must get on, too
-        least = np.where(inwards < 0.0, 0.0, length[going] / STEPS)
+        least = np.where(inwards, 0.0, length[going] / STEPS)
         gone[going] += np.maximum(gap, least)
         going = going[~touched[going] & (gone[going] < length[going])]
         if not len(going):
