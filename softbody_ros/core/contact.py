@@ -29,6 +29,8 @@ SINKAGE = 0.01
 """Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
 WALLS = 3
 """Walls of one obstacle that a fast particle can meet in a tick: in a corner there are three."""
+ROUNDING = 1e-6
+"""Depth, in RMS radii, of particles on the surface."""
 SETTLED = 0.1
 """Speed, in those of a body that falls by `SINKAGE`, up to which a body does not rebound."""
 
@@ -270,11 +272,14 @@ def meet(
     thickness = tick.gains.thickness
     near = nearby(particles, obstacles, thickness)
     for index, obstacle in enumerate(obstacles):
-        for _ in range(WALLS):
+        for wall in range(WALLS):
             if not len(near[index]):
                 break
             contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
             contacts = contacts.where(~tick.gains.rigid[contacts.body])
+            if wall > 0:
+                # the particles that have just been put onto the surface are no contacts
+                contacts = contacts.where(contacts.depth > ROUNDING * tick.rest.scale)
             if not len(contacts):
                 break
             if changed:
