@@ -68,8 +68,8 @@ class NearestFaces:
         that the distance of each from the centre is not less than, m
     nearest_face : (N,) int
         the first of each cell, −1 for the border
-    far : (N,) int
-        0 for cells that have all their faces, else the sign of the distance; 1 in the border
+    level : (N,) float
+        signed distance of the centre, in no cell more than `diagonal`, m
 
     """
 
@@ -83,21 +83,27 @@ class NearestFaces:
     faces: np.ndarray
     bound: np.ndarray
     nearest_face: np.ndarray
-    far: np.ndarray
+    level: np.ndarray
+
+    @property
+    def diagonal(self) -> float:
+        """Of a cell, m."""
+        return 3**0.5 * self.cell
 
     @property
     def exact_to(self) -> float:
-        """Distance from the surface up to which distances are exact, m: half a diagonal."""
-        return 0.5 * 3**0.5 * self.cell
+        """Distance from the surface up to which distances are exact, m."""
+        return 0.5 * self.diagonal
 
     def at_least(self, distance: np.ndarray) -> np.ndarray:
         """Return lower bounds (k,) of the true distances, from those of `distance`."""
-        far = np.maximum(distance - 2.0 * self.exact_to, self.exact_to)
+        far = np.maximum(distance - self.diagonal, self.exact_to)
         return np.where(distance > self.exact_to, far, distance)
 
-    def is_clear(self, points: np.ndarray) -> np.ndarray:
-        """Return (k,) bool: surely outside and not nearer than `exact_to`; a quick test."""
-        return self.far[self._cells(points)] > 0
+    def is_clear(self, points: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Return (k,) bool: points surely not nearer than distances (k,); a quick test."""
+        cells = self._cells(points)
+        return self.level[cells] - self._from_centres(points, cells) > distance
 
     @cached_property
     def half_thickness(self) -> float:
@@ -158,10 +164,11 @@ class NearestFaces:
         x, y, z = np.clip(scaled, 0.0, (self.shape - 1)[:, None]).astype(np.int64)
         return (x * rows + y) * columns + z
 
-    def _centres(self, cells: np.ndarray) -> np.ndarray:
-        """Return the centres (3, k) of cells (k,), m."""
+    def _from_centres(self, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """Return the distances (k,) of points (k, 3) from the centres of cells (k,), m."""
         place = np.stack(np.unravel_index(cells, self.shape))
-        return self.origin[:, None] + self.cell * (place + 0.5)
+        offset = points.T - self.origin[:, None] - self.cell * (place + 0.5)
+        return np.sqrt(_dot(offset, offset))
 
     def _distance_within(
         self, points: np.ndarray, cells: np.ndarray, count: np.ndarray
@@ -170,7 +177,7 @@ class NearestFaces:
         entry = _ranges(self.first[cells], count)
         # most cannot be nearer than the first one is: bounds are from the centre of the cell
         nearest = np.sqrt(self.triangles.closest(places, self.nearest_face[cells])[0])
-        reach = nearest + np.linalg.norm(places - self._centres(cells), axis=0)
+        reach = nearest + self._from_centres(points, cells)
         possible = self.bound[entry] <= np.repeat(reach, count)
         index = np.repeat(np.arange(len(count)), count)[possible]
         faces = self.faces[entry[possible]]
@@ -180,8 +187,9 @@ class NearestFaces:
         hits = np.flatnonzero(square == least[index])
         face = faces[hits[np.searchsorted(hits, start)]]
         distance, normal = self.triangles.signed_distance(places, face)
-        far = self.far[cells]
-        turned = far * distance < 0.0
+        # a far cell is on one side; its face, if it is not the nearest, may be seen from the other
+        level = self.level[cells]
+        turned = (np.abs(level) >= self.diagonal) & (level * distance < 0.0)
         return np.where(turned, -distance, distance), np.where(turned[:, None], -normal, normal)
 
 
@@ -356,7 +364,7 @@ def _built(surface: Surface) -> NearestFaces:
     from_sample = search.tree.query(centres, distance_upper_bound=reach)[0]
     near = np.isfinite(from_sample)
     count = np.ones(len(centres), dtype=np.int64)
-    far_faces, distance = _face_of_far_cells(centres[~near], search, triangles)
+    far_faces = _face_of_far_cells(centres[~near], search, triangles)
     near_faces, near_bound, count[near] = _faces_of_near_cells(
         centres[near], from_sample[near], diagonal, search, triangles
     )
@@ -365,14 +373,15 @@ def _built(surface: Surface) -> NearestFaces:
     faces[of_near], faces[~of_near] = near_faces, far_faces
     bound = np.zeros(len(faces), dtype=np.float32)
     bound[of_near] = near_bound
-    side = np.zeros(len(centres), dtype=np.int8)
-    side[~near] = np.where(distance < 0.0, -1, 1)
-    side = _same_in_each_part(side.reshape(inner))
+    first_face = faces[np.cumsum(count) - count]
+    level = triangles.signed_distance(centres.T, first_face)[0]
+    level[~near] = np.copysign(np.inf, level[~near])
+    level = _same_in_each_part(np.clip(level, -diagonal, diagonal).reshape(inner))
 
     padded_count = np.pad(count.reshape(inner), 1).ravel()
     first = np.concatenate([[0], np.cumsum(padded_count)])
     nearest_face = np.full(len(padded_count), -1, dtype=np.int32)
-    nearest_face[padded_count > 0] = faces[np.cumsum(count) - count]
+    nearest_face[padded_count > 0] = first_face
     return NearestFaces(
         triangles,
         low,
@@ -384,7 +393,7 @@ def _built(surface: Surface) -> NearestFaces:
         faces,
         bound,
         nearest_face,
-        np.pad(side, 1, constant_values=1).ravel(),
+        np.pad(level, 1, constant_values=0.0).ravel(),
     )
 
 
@@ -417,19 +426,16 @@ def _split(corners: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]
     return np.concatenate(pieces), np.concatenate(parents)
 
 
-def _face_of_far_cells(
-    centres: np.ndarray, search: _Search, triangles: Triangles
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the face (k,) nearest to each centre and its signed distance (k,)."""
+def _face_of_far_cells(centres: np.ndarray, search: _Search, triangles: Triangles) -> np.ndarray:
+    """Return the face (k,) nearest to each centre."""
     if not len(centres):
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
+        return np.zeros(0, dtype=np.int64)
     few = min(4, search.tree.n)
     _, samples = search.tree.query(centres, k=list(range(1, few + 1)))
     faces = search.parent[samples]
     square = triangles.closest(np.repeat(centres.T, few, axis=1), faces.ravel())[0]
     best = square.reshape(faces.shape).argmin(axis=1)
-    face = faces[np.arange(len(faces)), best]
-    return face, triangles.signed_distance(centres.T, face)[0]
+    return faces[np.arange(len(faces)), best]
 
 
 def _faces_of_near_cells(
@@ -472,14 +478,12 @@ def _faces_of_near_cells(
     return np.concatenate(faces), np.concatenate(bounds), np.concatenate(counts)
 
 
-def _same_in_each_part(side: np.ndarray) -> np.ndarray:
-    """Return the signs of far cells, of which connected ones are on the same side, by majority."""
-    result = np.zeros_like(side)
-    parts, number = ndimage.label(side)
-    votes = ndimage.sum_labels(side.astype(np.float64), parts, np.arange(number + 1))
-    far = side != 0
-    result[far] = np.where(votes < 0.0, -1, 1)[parts[far]]
-    return result
+def _same_in_each_part(level: np.ndarray) -> np.ndarray:
+    """Return the levels with connected far cells on the same side: that of most of them."""
+    far = np.abs(level) == np.abs(level).max()
+    parts, number = ndimage.label(far)
+    votes = ndimage.sum_labels(np.sign(level), parts, np.arange(number + 1))
+    return np.where(far, np.copysign(level, votes[parts]), level)
 
 
 # ------------------------------------------------------------------------------------- arithmetic

@@ -104,8 +104,7 @@ class Obstacle:
         """Return (k,) bool: points (k, 3) surely not nearer than distances (k,); a quick test."""
         if self.faces is None:
             return np.zeros(len(local), dtype=bool)
-        far = self._scale * self.faces.exact_to > distance
-        return far & self.faces.is_clear(local / self._scale)
+        return self.faces.is_clear(local / self._scale, distance / self._scale)
 
     @property
     def _scale(self) -> float:
