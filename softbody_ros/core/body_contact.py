@@ -153,11 +153,11 @@ class Meeting:
     @cached_property
     def rows(self) -> tuple[np.ndarray, np.ndarray]:
         """(k, 6) float of each body: what its twist does along the normal."""
-        centre = self.crowd.centre
-        return tuple(
-            np.hstack([self.normal, rigid_motion.cross(self.point - centre[body], self.normal)])
-            for body in (self.one[self.pair], self.two[self.pair])
-        )
+        return self._row(self.one[self.pair]), self._row(self.two[self.pair])
+
+    def _row(self, body: np.ndarray) -> np.ndarray:
+        arms = self.point - self.crowd.centre[body]
+        return np.hstack([self.normal, rigid_motion.cross(arms, self.normal)])
 
     @cached_property
     def mobility(self) -> np.ndarray:
@@ -443,9 +443,7 @@ def _by_body(
 def _standing(
     crowd: Crowd, obstacles: Sequence[Obstacle]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return which bodies stand on obstacles, (q,), their rows, (q, 6), and the room left, (q,) m.
-    """
+    """Return which bodies stand on obstacles (q,), their rows (q, 6), the room left (q,), m."""
     body, rows, room = [np.zeros(0, np.int64)], [np.zeros((0, 6))], [np.zeros(0)]
     for source in crowd.sources:
         flight, tick = source.flight, source.flight.tick

@@ -27,6 +27,10 @@ from softbody_ros.core.tick import Particles, Tick
 
 SINKAGE = 0.01
 """Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
+WALLS = 3
+"""Walls of one obstacle that a fast particle can meet in a tick: in a corner there are three."""
+ROUNDING = 1e-6
+"""Depth, in RMS radii, of particles on the surface."""
 SETTLED = 0.1
 """Speed, in those of a body that falls by `SINKAGE`, up to which a body does not rebound."""
 
@@ -268,20 +272,26 @@ def meet(
     thickness = tick.gains.thickness
     near = nearby(particles, obstacles, thickness)
     for index, obstacle in enumerate(obstacles):
-        if not len(near[index]):
-            continue
-        contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
-        if not len(contacts):
-            continue
-        contacts = contacts.where(~tick.gains.rigid[contacts.body])
-        if not len(contacts):
-            continue
-        if changed:
-            motion = rigid_motion.rigid_motion(particles.x, particles.v, motion.centre, tick.rest)
-        patch = make_patch(particles.x, contacts, motion, tick.rest)
-        sunk = depth_of_goals(particles.x, contacts, obstacle, goals, tick)
-        _respond(particles, patch, sunk, tick)
-        near, changed = nearby(particles, obstacles, thickness), True
+        for wall in range(WALLS):
+            if not len(near[index]):
+                break
+            contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
+            contacts = contacts.where(~tick.gains.rigid[contacts.body])
+            if wall > 0:
+                # the particles that have just been put onto the surface are no contacts
+                contacts = contacts.where(contacts.depth > ROUNDING * tick.rest.scale)
+            if not len(contacts):
+                break
+            if changed:
+                motion = rigid_motion.rigid_motion(
+                    particles.x, particles.v, motion.centre, tick.rest
+                )
+            patch = make_patch(particles.x, contacts, motion, tick.rest)
+            sunk = depth_of_goals(particles.x, contacts, obstacle, goals, tick)
+            _respond(particles, patch, sunk, tick)
+            near, changed = nearby(particles, obstacles, thickness), True
+            if not contacts.swept.any():
+                break
 
 
 def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -> None:

@@ -36,6 +36,8 @@ BLOCK = 4096
 """Cells whose candidates are found at once: bounds the memory."""
 KEPT = 32
 """Grids that are remembered."""
+HALVINGS, OPPOSITE = 20, 0.3
+"""Walls thinner than 2⁻²⁰ of a cell count as that; cosine from which on normals are opposite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +64,12 @@ class NearestFaces:
         where the faces of each cell begin in `faces`
     faces : (k,) int
         the nearest to the centre of the cell first
+    bound : (k,) float32
+        that the distance of each from the centre is not less than, m
     nearest_face : (N,) int
         the first of each cell, −1 for the border
-    far : (N,) int
-        0 for cells that have all their faces, else the sign of the distance; 1 in the border
+    level : (N,) float
+        signed distance of the centre, in no cell more than `diagonal`, m
 
     """
 
@@ -77,22 +81,50 @@ class NearestFaces:
     shape: np.ndarray
     first: np.ndarray
     faces: np.ndarray
+    bound: np.ndarray
     nearest_face: np.ndarray
-    far: np.ndarray
+    level: np.ndarray
+
+    @property
+    def diagonal(self) -> float:
+        """Of a cell, m."""
+        return 3**0.5 * self.cell
 
     @property
     def exact_to(self) -> float:
-        """Distance from the surface up to which distances are exact, m: half a diagonal."""
-        return 0.5 * 3**0.5 * self.cell
+        """Distance from the surface up to which distances are exact, m."""
+        return 0.5 * self.diagonal
 
     def at_least(self, distance: np.ndarray) -> np.ndarray:
         """Return lower bounds (k,) of the true distances, from those of `distance`."""
-        far = np.maximum(distance - 2.0 * self.exact_to, self.exact_to)
+        far = np.maximum(distance - self.diagonal, self.exact_to)
         return np.where(distance > self.exact_to, far, distance)
 
-    def is_clear(self, points: np.ndarray) -> np.ndarray:
-        """Return (k,) bool: surely outside and not nearer than `exact_to`; a quick test."""
-        return self.far[self._cells(points)] > 0
+    def is_clear(self, points: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Return (k,) bool: points surely not nearer than distances (k,); a quick test."""
+        cells = self._cells(points)
+        return self.level[cells] - self._from_centres(points, cells) > distance
+
+    @cached_property
+    def half_thickness(self) -> float:
+        """
+        Of the thinnest wall, m, from below; at most `exact_to`.
+
+        From points of the surface inwards, until the far side of the wall is nearer.
+        """
+        corners = np.stack([0.0 * self.triangles.ab, self.triangles.ab, self.triangles.ac])
+        corners = (self.triangles.corner + corners).transpose(2, 0, 1)
+        pieces, face = _split(corners, 1.5 * self.cell)
+        points, outwards = pieces.mean(axis=1), self.triangles.pseudonormals[face, 0]
+        depth = self.exact_to
+        for _ in range(HALVINGS):
+            distance, normal = self.distance(points - depth * outwards)
+            through = (distance > 0.0) | (np.einsum('ij,ij->i', normal, outwards) < -OPPOSITE)
+            if not through.any():
+                break
+            points, outwards = points[through], outwards[through]
+            depth *= 0.5
+        return depth
 
     def nearest(self, points: np.ndarray) -> np.ndarray:
         """Return (k,): the face nearest to the centre of the cell of points (k, 3), −1 outside."""
@@ -132,19 +164,32 @@ class NearestFaces:
         x, y, z = np.clip(scaled, 0.0, (self.shape - 1)[:, None]).astype(np.int64)
         return (x * rows + y) * columns + z
 
+    def _from_centres(self, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """Return the distances (k,) of points (k, 3) from the centres of cells (k,), m."""
+        place = np.stack(np.unravel_index(cells, self.shape))
+        offset = points.T - self.origin[:, None] - self.cell * (place + 0.5)
+        return np.sqrt(_dot(offset, offset))
+
     def _distance_within(
         self, points: np.ndarray, cells: np.ndarray, count: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        start = np.cumsum(count) - count
-        faces = self.faces[_ranges(self.first[cells], count)]
         places = points.T
-        square = self.triangles.closest(np.repeat(places, count, axis=1), faces)[0]
+        entry = _ranges(self.first[cells], count)
+        # most cannot be nearer than the first one is: bounds are from the centre of the cell
+        nearest = np.sqrt(self.triangles.closest(places, self.nearest_face[cells])[0])
+        reach = nearest + self._from_centres(points, cells)
+        possible = self.bound[entry] <= np.repeat(reach, count)
+        index = np.repeat(np.arange(len(count)), count)[possible]
+        faces = self.faces[entry[possible]]
+        square = self.triangles.closest(places[:, index], faces)[0]
+        start = np.searchsorted(index, np.arange(len(count)))
         least = np.minimum.reduceat(square, start)
-        hits = np.flatnonzero(square == np.repeat(least, count))
+        hits = np.flatnonzero(square == least[index])
         face = faces[hits[np.searchsorted(hits, start)]]
         distance, normal = self.triangles.signed_distance(places, face)
-        far = self.far[cells]
-        turned = far * distance < 0.0
+        # a far cell is on one side; its face, if it is not the nearest, may be seen from the other
+        level = self.level[cells]
+        turned = (np.abs(level) >= self.diagonal) & (level * distance < 0.0)
         return np.where(turned, -distance, distance), np.where(turned[:, None], -normal, normal)
 
 
@@ -316,24 +361,27 @@ def _built(surface: Surface) -> NearestFaces:
     diagonal = 3**0.5 * cell
     reach = diagonal + search.radius
     # from a sample: not less than from the surface
-    bound = search.tree.query(centres, distance_upper_bound=reach)[0]
-    near = np.isfinite(bound)
+    from_sample = search.tree.query(centres, distance_upper_bound=reach)[0]
+    near = np.isfinite(from_sample)
     count = np.ones(len(centres), dtype=np.int64)
-    far_faces, distance = _face_of_far_cells(centres[~near], search, triangles)
-    near_faces, count[near] = _faces_of_near_cells(
-        centres[near], bound[near], diagonal, search, triangles
+    far_faces = _face_of_far_cells(centres[~near], search, triangles)
+    near_faces, near_bound, count[near] = _faces_of_near_cells(
+        centres[near], from_sample[near], diagonal, search, triangles
     )
     of_near = np.repeat(near, count)
     faces = np.empty(len(of_near), dtype=np.int32)
     faces[of_near], faces[~of_near] = near_faces, far_faces
-    side = np.zeros(len(centres), dtype=np.int8)
-    side[~near] = np.where(distance < 0.0, -1, 1)
-    side = _same_in_each_part(side.reshape(inner))
+    bound = np.zeros(len(faces), dtype=np.float32)
+    bound[of_near] = near_bound
+    first_face = faces[np.cumsum(count) - count]
+    level = triangles.signed_distance(centres.T, first_face)[0]
+    level[~near] = np.copysign(np.inf, level[~near])
+    level = _same_in_each_part(np.clip(level, -diagonal, diagonal).reshape(inner))
 
     padded_count = np.pad(count.reshape(inner), 1).ravel()
     first = np.concatenate([[0], np.cumsum(padded_count)])
     nearest_face = np.full(len(padded_count), -1, dtype=np.int32)
-    nearest_face[padded_count > 0] = faces[np.cumsum(count) - count]
+    nearest_face[padded_count > 0] = first_face
     return NearestFaces(
         triangles,
         low,
@@ -343,8 +391,9 @@ def _built(surface: Surface) -> NearestFaces:
         inner + 2,
         first,
         faces,
+        bound,
         nearest_face,
-        np.pad(side, 1, constant_values=1).ravel(),
+        np.pad(level, 1, constant_values=0.0).ravel(),
     )
 
 
@@ -377,19 +426,16 @@ def _split(corners: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]
     return np.concatenate(pieces), np.concatenate(parents)
 
 
-def _face_of_far_cells(
-    centres: np.ndarray, search: _Search, triangles: Triangles
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the face (k,) nearest to each centre and its signed distance (k,)."""
+def _face_of_far_cells(centres: np.ndarray, search: _Search, triangles: Triangles) -> np.ndarray:
+    """Return the face (k,) nearest to each centre."""
     if not len(centres):
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
+        return np.zeros(0, dtype=np.int64)
     few = min(4, search.tree.n)
     _, samples = search.tree.query(centres, k=list(range(1, few + 1)))
     faces = search.parent[samples]
     square = triangles.closest(np.repeat(centres.T, few, axis=1), faces.ravel())[0]
     best = square.reshape(faces.shape).argmin(axis=1)
-    face = faces[np.arange(len(faces)), best]
-    return face, triangles.signed_distance(centres.T, face)[0]
+    return faces[np.arange(len(faces)), best]
 
 
 def _faces_of_near_cells(
@@ -398,14 +444,16 @@ def _faces_of_near_cells(
     diagonal: float,
     search: _Search,
     triangles: Triangles,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return the faces that can be nearest to a point of each cell, nearest first, and their numbers.
+    Return the faces that can be nearest to a point of each cell, nearest first.
+
+    And lower bounds of their distances from the centre, and how many each cell has.
 
     A face that is nearest to a point of a cell is not further from the centre than the nearest
     face of the centre and a diagonal. `bound` (k,) is not less than the distance of the latter.
     """
-    faces, counts = [], []
+    faces, bounds, counts = [], [], []
     for start in range(0, len(centres), BLOCK):
         block = centres[start : start + BLOCK]
         radius = bound[start : start + BLOCK] + diagonal + search.radius
@@ -425,18 +473,17 @@ def _faces_of_near_cells(
         kept = np.flatnonzero(distance <= (least + diagonal)[cell])
         kept = kept[np.lexsort((distance[kept], cell[kept]))]
         faces.append(face[kept])
+        bounds.append(distance[kept] * (1.0 - 1e-6))
         counts.append(np.bincount(cell[kept], minlength=len(block)))
-    return np.concatenate(faces), np.concatenate(counts)
+    return np.concatenate(faces), np.concatenate(bounds), np.concatenate(counts)
 
 
-def _same_in_each_part(side: np.ndarray) -> np.ndarray:
-    """Return the signs of far cells, of which connected ones are on the same side, by majority."""
-    result = np.zeros_like(side)
-    parts, number = ndimage.label(side)
-    votes = ndimage.sum_labels(side.astype(np.float64), parts, np.arange(number + 1))
-    far = side != 0
-    result[far] = np.where(votes < 0.0, -1, 1)[parts[far]]
-    return result
+def _same_in_each_part(level: np.ndarray) -> np.ndarray:
+    """Return the levels with connected far cells on the same side: that of most of them."""
+    far = np.abs(level) == np.abs(level).max()
+    parts, number = ndimage.label(far)
+    votes = ndimage.sum_labels(np.sign(level), parts, np.arange(number + 1))
+    return np.where(far, np.copysign(level, votes[parts]), level)
 
 
 # ------------------------------------------------------------------------------------- arithmetic

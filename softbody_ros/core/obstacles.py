@@ -81,10 +81,11 @@ class Obstacle:
         Displacement in a tick that cannot lead a particle to the wrong side, m.
 
         A particle that starts at the surface and goes no further than half of the way to the
-        middle is still nearest to the side on which it was. A mesh may be thin anywhere.
+        middle is still nearest to the side on which it was.
         """
-        share = 1e-6 if self.config.type == 'mesh' else 0.5
-        return share * float(self.half_extents.min())
+        if self.faces is not None:
+            return 0.5 * self._scale * self.faces.half_thickness
+        return 0.5 * float(self.half_extents.min())
 
     def distance(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return signed distances (k,) and outward normals (k, 3) of points (k, 3)."""
@@ -103,8 +104,7 @@ class Obstacle:
         """Return (k,) bool: points (k, 3) surely not nearer than distances (k,); a quick test."""
         if self.faces is None:
             return np.zeros(len(local), dtype=bool)
-        far = self._scale * self.faces.exact_to > distance
-        return far & self.faces.is_clear(local / self._scale)
+        return self.faces.is_clear(local / self._scale, distance / self._scale)
 
     @property
     def _scale(self) -> float:

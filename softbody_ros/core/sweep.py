@@ -8,10 +8,12 @@ import numpy as np
 
 from softbody_ros.core.obstacles import Obstacle
 
-STEPS = 32
+STEPS = 64
 """Most steps along a path."""
 TOUCHING = 0.01
 """Distance from the surface, in lengths of the path, at which a particle touches it."""
+BEHIND = 1e-6
+"""How far behind a plane a path ends, in its lengths, if it has not just been put onto it."""
 
 
 def first_touch(
@@ -21,8 +23,9 @@ def first_touch(
     Follow straight paths until they come to touch an obstacle: there it is a half space for them.
 
     The distance says how far one may go without a touch (sphere tracing: J. C. Hart, The Visual
-    Computer 12, 1996). A path that begins at or in the obstacle touches it there if it leads
-    inwards, so that a particle stays on the side on which it was.
+    Computer 12, 1996). A path that begins at or in the obstacle and ends deeper touches it there,
+    so that a particle stays on the side on which it was. One that leads along the surface goes on
+    in steps that no wall is thinner than.
 
     Parameters
     ----------
@@ -47,17 +50,16 @@ def first_touch(
     plane_distance, normal = np.zeros(len(path)), np.zeros((len(path), 3))
     gone = np.zeros(len(path))
     going = np.arange(len(path))
+    least = np.maximum(2.0 * obstacle.slow, length / STEPS)
     for _ in range(STEPS):
         place = start[going] + (gone[going] / length[going])[:, None] * path[going]
         distance, normal[going] = obstacle.distance(place)
-        rest = end[going] - place
-        inwards = np.einsum('ij,ij->i', path[going], normal[going])
-        plane_distance[going] = distance + np.einsum('ij,ij->i', rest, normal[going])
+        rest = np.einsum('ij,ij->i', end[going] - place, normal[going])
+        plane_distance[going] = distance + rest
         gap = obstacle.at_least(distance) - thickness[going]
-        touched[going] = (inwards < 0.0) & (gap <= TOUCHING * length[going])
-        # what leads outwards or along the surface must get on, too
-        least = np.where(inwards < 0.0, 0.0, length[going] / STEPS)
-        gone[going] += np.maximum(gap, least)
+        behind = thickness[going] - plane_distance[going] > BEHIND * length[going]
+        touched[going] = behind & (gap <= TOUCHING * length[going])
+        gone[going] += np.where(behind, gap, np.maximum(gap, least[going]))
         going = going[~touched[going] & (gone[going] < length[going])]
         if not len(going):
             break

@@ -185,12 +185,12 @@ def _inside_faces(
     # the corners of equal boxes on each other lie on the edge between two faces: look inwards
     aim = points + INTO_ITSELF * (crowd.centre[body] - points)
     face = skin.nearest.nearest(_in_rest_shape(aim, source, other - source.first, piece))
-    kept = face >= 0
+    over = face >= 0
     if skin.pieces > 1:
-        kept &= skin.piece_of_face[face] == piece
+        over &= skin.piece_of_face[face] == piece
     thickness = crowd.thickness[body] + crowd.thickness[other]
 
-    kept = np.flatnonzero(kept)
+    kept = np.flatnonzero(over)
     particle, body, other, points, face, thickness = (
         each[kept] for each in (particle, body, other, points, face, thickness)
     )
