@@ -241,7 +241,7 @@ BAD_CLOUDS = [
     ({'layout': [('x', 'f4', 0), ('y', 'f4', 4)]}, "there must be one 'z'"),
     (
         {'layout': [('x', 'f4', 0), ('y', 'i4', 4), ('z', 'f4', 8)]},
-        "datatype of 'y' is 5: it must",
+        "datatype of 'y' is 5",
     ),
     ({'layout': [('x', 'f4', 0), ('y', 'f4', 2), ('z', 'f4', 8)]}, '[0, 2, 8]: they overlap'),
     ({'point_step': 0}, 'point_step is 0: x, y and z reach to byte 12 of a point'),
@@ -323,7 +323,7 @@ def test_points_to_poke():
     assert inputs.poked_point(message, 'world') == (0.0, 2.0, 0.0)
     for bad in (*NOT_FINITE, 1e7):
         message.point.z = bad
-        with pytest.raises(InputError, match='point is .* each must be within'):
+        with pytest.raises(InputError, match=r'point is .* each must be within'):
             inputs.poked_point(message, 'world')
     with pytest.raises(InputError, match="frame_id is 'world': it must be in the frame 'map'"):
         inputs.poked_point(message, 'map')
