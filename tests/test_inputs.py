@@ -4,6 +4,8 @@
 
 import itertools
 import math
+import pathlib
+import re
 import sys
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
@@ -14,6 +16,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker, MarkerArray
+import yaml
 
 from softbody_ros import inputs, messages
 from softbody_ros.core import World, WorldConfig
@@ -21,6 +24,7 @@ from softbody_ros.core.outside import Placement, Removal
 from softbody_ros.core.point_obstacles import MOST_POINTS, PointObstacles
 from softbody_ros.inputs import MOST_MARKERS, SHAPES, InputError
 
+README = (pathlib.Path(__file__).parent.parent / 'README.md').read_text()
 H = 1 / 240
 HUGE = sys.float_info.max
 NOT_FINITE = [math.nan, math.inf, -math.inf]
@@ -431,3 +435,44 @@ def test_any_force_is_read_or_refused(frame_id, numbers):
             assert_sentence(error)
             continue
         assert np.isfinite(numbers[:3]).all()
+
+
+# ------------------------------------------------------------------------------------------ README
+def from_yaml(message, values):
+    """Fill a message as `ros2 topic pub` does."""
+    for name, value in values.items():
+        part = getattr(message, name)
+        if isinstance(value, dict):
+            from_yaml(part, value)
+        elif isinstance(value, list):
+            setattr(message, name, [from_yaml(Marker(), item) for item in value])
+        else:
+            setattr(message, name, type(part)(value))
+    return message
+
+
+def test_what_the_readme_sends_is_understood():
+    sent = re.findall(r"^ros2 topic pub .*/softbody_sim/(\w+) \w+/msg/(\w+) '(.*)'", README, re.M)
+    assert [topic for topic, _, _ in sent] == [
+        'obstacles',
+        'obstacles',
+        'wrench',
+        'poke',
+        'gravity',
+    ]
+    kinds = (MarkerArray, WrenchStamped, PointStamped, Vector3Stamped)
+    read = []
+    for _, name, text in sent:
+        kind = next(kind for kind in kinds if kind.__name__ == name)
+        read.append(from_yaml(kind(), yaml.safe_load(text)))
+    (box,), problems = inputs.obstacle_changes(read[0], 'world', H)
+    assert (box.config.type, box.config.size, problems) == ('box', (0.2, 0.2, 0.2), [])
+    (removal,), problems = inputs.obstacle_changes(read[1], 'world', H)
+    assert removal.takes(box.key) and not problems
+    assert inputs.wrench(read[2], 'world', ('ball',)).name == 'ball'
+    point = inputs.poked_point(read[3], 'world')
+    assert inputs.gravity(read[4], 'world') == (3.0, 0.0, -9.0)
+
+    world = World(WorldConfig())
+    world.step(480)
+    assert world.poke(point, 1.5, 0.15) == 'ball'
