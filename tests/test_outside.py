@@ -22,8 +22,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, World, WorldConfig
-from softbody_ros.core.outside import MOST_GUESTS, Placement, Removal
+from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, Surface, World, WorldConfig
+from softbody_ros.core.outside import MOST_GUESTS, Outside, Placement, Removal
 from softbody_ros.core.point_obstacles import MOST_POINTS, NO_POINTS, PointObstacles, thinned
 
 MODES = ('rigid', 'linear', 'quadratic')
@@ -174,6 +174,15 @@ def test_only_what_is_noticed_wakes():
     assert not world.is_asleep('body')
 
 
+def test_another_shape_at_the_same_place_wakes():
+    world = resting()
+    for size in (1.0, 1.5):
+        world.change_obstacles([placement(position=(5.0, 0.0, 0.0), size=(size, 1.0, 1.0))])
+        assert not world.is_asleep('body')
+        world.step(240)
+        assert world.is_asleep('body')
+
+
 def test_an_obstacle_that_was_ahead_of_its_message_goes_back():
     world = floating(body())
     world.change_obstacles([placement(1.0)])
@@ -201,6 +210,13 @@ def test_points_that_matter_wake_a_body():
     assert world.is_asleep('body')  # the far point has moved
     world.set_points(NO_POINTS)
     assert not world.is_asleep('body')
+
+
+@pytest.mark.parametrize(('height', 'asleep'), [(1.01, False), (1.05, True)])
+def test_points_reach_as_far_as_their_radius(height, asleep):
+    world = resting()
+    world.set_points(PointObstacles(np.array([[0.0, 0.0, height]]), 0.02))
+    assert world.is_asleep('body') == asleep
 
 
 def test_few_points_stay_as_they_are():
@@ -304,11 +320,14 @@ def test_whoever_is_pushed_is_awake_and_nobody_else():
     world.step(480)
     asleep = bytes_of(world)
     assert world.is_asleep('one') and world.is_asleep('other')
-    world.apply_wrench('one', (0.0, 0.0, -0.1), (0.0,) * 3, 2.0)
+    world.apply_wrench('other', (0.0, 0.0, -0.1), (0.0,) * 3, 2.0)
     world.step(479)
-    assert not world.is_asleep('one') and world.is_asleep('other')
+    assert not world.is_asleep('other') and world.is_asleep('one')
     world.step(480)
-    assert world.is_asleep('one')
+    assert world.is_asleep('other')
+    world.apply_wrench('other', (0.0, 0.0, 40.0), (0.0,) * 3, 0.1)
+    world.step(24)
+    np.testing.assert_allclose(momentum(world, 'other'), [0.0, 0.0, 4.0 - 0.981], atol=1e-6)
     assert bytes_of(world) != asleep
 
 
@@ -344,13 +363,14 @@ def test_a_poke_gives_exactly_its_momentum_inwards(mode):
 
 def test_a_poke_beside_the_middle_turns_the_body():
     world = floating(body('box', mode='rigid'))
-    point = np.array([0.5, 0.0, 0.5])  # an edge: pushed towards −x −z
-    world.poke(point + [0.0, 0.0, 0.001], 1.0, 0.4)
+    point = np.array([0.35, 0.1, 0.501])
+    world.poke(point, 1.0, 0.45)
     kick = momentum(world)
     spots = world.positions('body')
-    share = np.maximum(1 - ((spots - point - [0, 0, 0.001]) ** 2).sum(axis=1) / 0.16, 0.0) ** 2
+    share = np.maximum(1 - ((spots - point) ** 2).sum(axis=1) / 0.45**2, 0.0) ** 2
     share *= world.rest_shape('body').weights
     lever = (share / share.sum()) @ spots
+    assert np.linalg.norm(np.cross(lever, kick)) > 0.02
     np.testing.assert_allclose(angular_momentum(world), np.cross(lever, kick), atol=1e-12)
 
 
@@ -380,6 +400,16 @@ def test_only_the_nearest_body_is_poked_and_nothing_out_of_reach():
     assert bytes_of(world) == before
     name, distance = world.nearest((0.0, 0.0, 0.9))
     assert (name, distance) == ('one', pytest.approx(0.4, abs=0.05))
+
+
+def test_the_other_side_of_a_thin_body_does_not_pull():
+    top = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0)]
+    below = [(0.03, 0.0, -0.01), (0.0, 2.0, -0.01), (2.0, 0.0, -0.01), (0.0, 0.03, -0.01)]
+    world = floating(
+        body(Surface(np.array(top + below), np.array([(0, 1, 2), (3, 4, 5), (6, 4, 5)])))
+    )
+    world.poke((0.0, 0.0, 0.02), 1.0, 0.15)
+    np.testing.assert_allclose(momentum(world), [0.0, 0.0, -1.0], atol=1e-9)
 
 
 @pytest.mark.parametrize('surface', [sheet(), cloud([(0.0, 0.0, 0.0)] + [(1.0, 0.5, 0.0)])])
@@ -454,7 +484,8 @@ def test_a_snapshot_has_what_others_do():
     everything(world)
     world.step(30)
     snapshot, log = world.snapshot(), []
-    assert snapshot.nbytes > world.point_obstacles.points.nbytes
+    without = dataclasses.replace(snapshot, outside=Outside())
+    assert snapshot.nbytes - without.nbytes > world.point_obstacles.points.nbytes
     for _ in range(2):
         log.append([])
         for _ in range(10):
