@@ -139,7 +139,7 @@ def _obstacle(
         name='marker',
         type=SHAPES[kind],
         position=position,
-        orientation=tuple(value / length for value in orientation),
+        orientation=tuple(max(-1.0, min(value / length, 1.0)) for value in orientation),
         size=tuple(0.5 * value for value in scale),
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
-from softbody_ros.history import INTERVAL, MOST_ACTIONS, History
+from softbody_ros.history import INTERVAL, LEAST_ACTION_BYTES, MOST_ACTIONS, History
 from softbody_ros.stepping import MEBIBYTE, SLICE, Stepper
 
 START = 1_700_000_000_000_000_000
@@ -311,3 +311,51 @@ def test_too_many_actions_forget_the_oldest():
     for tick in range(MOST_ACTIONS + 10):
         history.note(tick, lambda world: None)
     assert len(history.go_back(world, MOST_ACTIONS + 10)) == MOST_ACTIONS
+
+
+def test_large_actions_are_forgotten_before_the_memory_is_full():
+    world = World(WorldConfig(bodies=(ball(),)))
+    history = History(world, 40 * MEBIBYTE)
+    for tick in range(1000):
+        history.note(tick, lambda world: None, 2**20)
+    assert len(history.go_back(world, 1000)) == 20
+    assert history.nbytes < 21 * MEBIBYTE
+    history.go_back(world, 990)
+    assert history.nbytes < 11 * MEBIBYTE
+    history.begin(world)
+    assert history.nbytes < MEBIBYTE
+
+
+def test_small_actions_are_remembered_without_memory():
+    world = World(WorldConfig(bodies=(ball(),)))
+    history = History(world, 0.0)
+    for tick in range(1000):
+        history.note(tick, lambda world: None, 1000)
+    assert len(history.go_back(world, 1000)) == 1000
+    for tick in range(1000, 1100):
+        history.note(tick, lambda world: None, 2**20)
+    assert history.nbytes - world.snapshot().nbytes <= LEAST_ACTION_BYTES
+
+
+def test_large_actions_leave_half_of_the_memory_to_snapshots():
+    stepper = stepper_of(memory=0.2)
+    for tick in range(0, 6000, 60):
+        stepper.act(lambda world: None, 2**18)
+        go_to(stepper, tick / 240)
+    assert len(stepper.history.ticks) > 5
+    snapshot = stepper.world.snapshot().nbytes
+    assert len(stepper.history.ticks) * snapshot <= 0.1 * MEBIBYTE
+
+
+def test_what_waits_for_the_end_of_a_way_back_is_bounded():
+    stepper = stepper_of(memory=0.0, per_look=SLICE / 10)
+    go_to(stepper, 1.0)
+    now = START + SECOND // 2
+    stepper.rewind(now)
+    list(stepper.advance(now, drop_overload=False))
+    assert stepper.replaying
+    done = []
+    for index in range(20):
+        stepper.act(lambda world, index=index: done.append(index), 2**20)
+    go_to(stepper, 0.5)
+    assert done == list(range(12, 20))
