@@ -34,7 +34,7 @@ DEEPEST = 0.12
 RETREAT = 0.2
 """Share of what is deeper by which they move apart in a tick."""
 BODY_ROUNDS = 20
-SOFT_ROUNDS, RIGID_ROUNDS, PUSH_OUT_ROUNDS = 4, 16, 3
+SOFT_ROUNDS, RIGID_ROUNDS, FRICTION_ROUNDS, PUSH_OUT_ROUNDS = 4, 16, 4, 4
 LEAST_GRIP = 0.1
 """Support, as the sum of squared cosines, below which a load is not divided any further."""
 
@@ -112,7 +112,7 @@ def _touching(
     near, place = np.unique(point, return_inverse=True)
     crowd = make_crowd(sources, points.some(near))
     found = dataclasses.replace(found, body=(np.cumsum(involved) - 1)[found.body])
-    touches = touch.find(crowd, found, one, two, box, crowd.first[-1] - len(near) + place)
+    touches = touch.find(crowd, found, one, two, crowd.first[-1] - len(near) + place, box)
     return (crowd, touches) if len(touches) else None
 
 
@@ -220,12 +220,11 @@ class Meeting:
         """Return the sums (p, …) of values (k, …) at the places of each pair."""
         return _sums(values, self.pair, len(self.one))
 
-    def speed(self, twist: np.ndarray) -> np.ndarray:
-        """Return how fast bodies that move with twists (C, 6) leave each other, (p,), m/s."""
+    def speeds(self, twist: np.ndarray) -> np.ndarray:
+        """Return how fast bodies that move with twists (C, 6) part at each place, (k,), m/s."""
         row_one, row_two = self.rows
         speeds = np.einsum('ij,ij->i', row_one, twist[self.one[self.pair]])
-        speeds -= np.einsum('ij,ij->i', row_two, twist[self.two[self.pair]])
-        return self.mean(speeds)
+        return speeds - np.einsum('ij,ij->i', row_two, twist[self.two[self.pair]])
 
     def twist_by(self, impulse: np.ndarray) -> np.ndarray:
         """Return the twists (C, 6) that impulses (k,) along the normals cause."""
@@ -283,15 +282,19 @@ def carried_weight(meeting: Meeting, gravity: np.ndarray, h: float) -> np.ndarra
         s
 
     """
-    depth, mass = meeting.depth, meeting.reduced_mass
-    load = loads(meeting, gravity) / mass
+    pair, depth = meeting.pair, meeting.depth
+    load = loads(meeting, gravity) / meeting.reduced_mass
     softness = np.maximum(contact.SINKAGE * meeting.scale, 4.0 * load * h**2)
     spring = load * -np.expm1(-depth / softness)
     damping = 2.0 * np.sqrt(load / softness)
-    force = (spring - damping * meeting.speed(meeting.crowd.twist)) / (1.0 + damping * h)
-    push = h * mass * np.minimum(np.maximum(force, 0.0), load)
-    pressure = meeting.sunk / np.where(depth > 0.0, depth, 1.0)[meeting.pair]
-    return push[meeting.pair] * meeting.share * pressure
+    pressure = meeting.sunk / np.where(depth > 0.0, depth, 1.0)[pair]
+    # a damper at each place: it calms rocking, too
+    speeds = meeting.speeds(meeting.crowd.twist)
+    force = spring[pair] * pressure - damping[pair] * speeds
+    force = np.maximum(force, 0.0) / (1.0 + damping * h)[pair]
+    total = meeting.mean(force)
+    within = np.minimum(load / np.where(total > 0.0, total, 1.0), 1.0)
+    return h * (meeting.reduced_mass * within)[pair] * meeting.share * force
 
 
 def loads(meeting: Meeting, gravity: np.ndarray) -> np.ndarray:
@@ -390,6 +393,7 @@ def stopped_bodies(
         _by_body(a, one, -b, two, len(crowd)) for a, b in ((row_one, row_two), (by_one, by_two))
     )
     caused = caused.T.tocsr()
+    coupling = felt @ caused
     # each body counts as many times as it touches something: so all can be stopped at once
     contacts = np.bincount(one, minlength=len(crowd)) + np.bincount(two, minlength=len(crowd))
     stiffness = np.einsum('ij,ij->i', row_one, by_one) * contacts[one]
@@ -400,8 +404,8 @@ def stopped_bodies(
         """Return impulses that are not negative, after which no speed is below the least."""
         impulse = np.zeros(len(speed))
         for _ in range(BODY_ROUNDS):
-            now = speed + felt @ (caused @ impulse)
-            impulse = np.maximum(impulse + compliance * (least - now), 0.0)
+            missing = least - speed - coupling @ impulse
+            impulse = np.maximum(impulse + compliance * missing, 0.0)
         return impulse
 
     before = felt @ twist.ravel()
@@ -415,7 +419,7 @@ def stopped_bodies(
         rebounding = solved(
             before, np.concatenate([np.maximum(back, least[:pairs]), least[pairs:]])
         )
-        gained = rebounding @ (before + 0.5 * (felt @ (caused @ rebounding)))
+        gained = rebounding @ (before + 0.5 * (coupling @ rebounding))
         # rebounds that go through a whole pile at once could give more than there was
         impulse = rebounding if gained <= 0.0 else impulse
     retreat = solved(np.zeros(len(room)), RETREAT * np.maximum(-room, 0.0))
@@ -511,20 +515,22 @@ def collide(
         velocity = before + grip.spread(push[:, None] * normal)
 
     sliding = grip.tangential(normal, velocity)
-    rubbed = _rubbed(crowd, touches, sliding, (push + carried) * stiffness)
-    speeds = np.linalg.norm(sliding, axis=1)
-    along = sliding / np.where(speeds > 0.0, speeds, 1.0)[:, None]
-    rubbed = (rubbed / np.where(speeds > 0.0, grip.stiffness(along), np.inf))[:, None]
-    friction = -rubbed * sliding
+    left = 1.0 - _rubbed(crowd, touches, sliding, (push + carried) * stiffness)[:, None]
+    friction = np.zeros_like(sliding)
+    for _ in range(FRICTION_ROUNDS):
+        now = grip.tangential(normal, velocity + grip.spread(friction))
+        friction += (left * sliding - now) / grip.along_faces[:, None]
 
     # friction takes back the same share of the way as of the speed: what sticks does not creep
     way = crowd.x[grip.particle] - crowd.start[grip.particle]
-    back = -rubbed * grip.tangential(normal, way)
+    slid = grip.tangential(normal, way)
     depth = touches.depth - grip.along(normal, shift[grip.particle])
-    out = np.zeros(len(touches))
+    out, back = np.zeros(len(touches)), np.zeros_like(slid)
     for _ in range(PUSH_OUT_ROUNDS):
         moved = grip.spread(back + out[:, None] * normal)
         out = np.maximum(out + (depth - grip.along(normal, moved)) / stiffness, 0.0)
+        now = grip.tangential(normal, way + moved)
+        back += (left * slid - now) / grip.along_faces[:, None]
 
     grip.give(crowd.v, push[:, None] * normal + friction)
     grip.give(crowd.x, back + out[:, None] * normal)
@@ -585,6 +591,19 @@ class Grip:
         for body, arms in zip((self._touches.body, self._touches.other), self._arms, strict=True):
             row = np.hstack([direction, rigid_motion.cross(arms, direction)])
             total += np.einsum('ij,ijk,ik->i', row, self._counted_mobility[body], row)
+        return np.maximum(total, 1e-300)
+
+    @cached_property
+    def along_faces(self) -> np.ndarray:
+        """(k,) float: not less than the stiffness along any direction, 1/kg."""
+        if not self.some_rigid:
+            return self._soft_stiffness
+        total = self._soft_stiffness.copy()
+        for body, arms in zip((self._touches.body, self._touches.other), self._arms, strict=True):
+            mobility = self._counted_mobility[body]
+            total += mobility[:, 0, 0]
+            square = np.einsum('ij,ij->i', arms, arms)
+            total += square * np.einsum('ijj->i', mobility[:, 3:, 3:])
         return np.maximum(total, 1e-300)
 
     def along(self, normal: np.ndarray, field: np.ndarray) -> np.ndarray:
@@ -659,7 +678,7 @@ def absorbed_rebound(
     crowd = meeting.crowd
     # the speed halfway through the push
     given = np.bincount(meeting.pair, pushes.normal, len(meeting.one)) / meeting.reduced_mass
-    speed = (meeting.speed(twist) + 0.5 * given) / meeting.settling(gravity)
+    speed = (meeting.mean(meeting.speeds(twist)) + 0.5 * given) / meeting.settling(gravity)
     leaving = np.clip(speed - contact.SETTLED, 0.0, 1.0)
     # rigid ones bounce at once
     soft = meeting.apart & ~(crowd.rigid[meeting.one] & crowd.rigid[meeting.two])

@@ -70,7 +70,12 @@ def ragged(start: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def inside_boxes(
-    x: np.ndarray, start: np.ndarray, count: np.ndarray, low: np.ndarray, high: np.ndarray
+    x: np.ndarray,
+    start: np.ndarray,
+    count: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    axis: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """
     Return which points of ranges of a list are in which boxes.
@@ -82,6 +87,8 @@ def inside_boxes(
         ranges
     low, high : (D, 3) float
         a box for each
+    axis : (D,) int
+        along which it is expected to leave out the most points: that makes it fast
 
     Returns
     -------
@@ -89,10 +96,13 @@ def inside_boxes(
     point : (k,) int
 
     """
-    owner = np.repeat(np.arange(len(count)), count)
-    point = ragged(start, count)
-    for axis in range(3):
-        values = x[point, axis]
-        kept = (values > low[owner, axis]) & (values < high[owner, axis])
-        owner, point = owner[kept], point[kept]
-    return owner, point
+    ranges = np.arange(len(count))
+    values = x.ravel()[np.repeat(axis, count) + 3 * ragged(start, count)]
+    kept = values > np.repeat(low[ranges, axis], count)
+    kept &= values < np.repeat(high[ranges, axis], count)
+    kept = np.flatnonzero(kept)
+    owner = np.repeat(ranges, count)[kept]
+    begin = np.cumsum(count) - count
+    point = kept + (start - begin)[owner]
+    inside = ((x[point] > low[owner]) & (x[point] < high[owner])).all(axis=1)
+    return owner[inside], point[inside]

@@ -42,7 +42,9 @@ class Batch:
     push : (B, 2, 2, 3) float or None
         what acts on bodies from outside: in world axes and in body axes, force and torque, both
         per mass, m/s² and m²/s²
-    next_x, next_v, next_plastic
+    reaction : (B, 2, 3) float
+        force, m/s², and torque about the centre of mass, m²/s², of all contacts, per mass
+    next_x, next_v, next_plastic, next_reaction
         where a tick is computed; `World` swaps them in once all batches have succeeded
 
     """
@@ -53,12 +55,15 @@ class Batch:
     v: np.ndarray
     plastic: np.ndarray | None = None
     push: np.ndarray | None = None
+    reaction: np.ndarray = field(init=False)
     next_x: np.ndarray = field(init=False)
     next_v: np.ndarray = field(init=False)
     next_plastic: np.ndarray | None = field(init=False, default=None)
+    next_reaction: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self.next_x, self.next_v = np.empty_like(self.x), np.empty_like(self.v)
+        self.reaction = self.next_reaction = np.zeros((len(self.x), 2, 3))
 
     def part(self, rows: np.ndarray) -> Batch:
         """Return copies of some of the bodies, given as indices."""
@@ -70,6 +75,8 @@ class Batch:
         """Let the computed tick be that of a part for its rows, and no change for the others."""
         self.next_x[:], self.next_v[:] = self.x, self.v
         self.next_x[rows], self.next_v[rows] = part.next_x, part.next_v
+        self.next_reaction = self.reaction.copy()
+        self.next_reaction[rows] = part.next_reaction
         self.next_plastic = self.plastic
         if part.next_plastic is not None:
             before = self.plastic
@@ -82,7 +89,7 @@ class Batch:
         """Make the computed tick the current one."""
         self.x, self.next_x = self.next_x, self.x
         self.v, self.next_v = self.next_v, self.v
-        self.plastic = self.next_plastic
+        self.plastic, self.reaction = self.next_plastic, self.next_reaction
 
 
 @dataclass(frozen=True)
@@ -156,6 +163,7 @@ def land(flight: Flight, obstacles: Sequence[Obstacle]) -> None:
     rigid_contact.meet(particles, obstacles, tick)
     pins.hold(particles, flight.pinned, tick)
     flight.batch.next_plastic = flight.match.plastic
+    flight.batch.next_reaction = particles.received / tick.h
 
 
 def predict(batch: Batch, tick: Tick) -> Particles:

@@ -48,7 +48,8 @@ class PointObstacles:
         low, high = low - self.radius, high + self.radius
         along = self._sorted[:, 0]
         start, stop = np.searchsorted(along, low[:, 0]), np.searchsorted(along, high[:, 0])
-        box, place = inside_boxes(self._sorted, start, stop - start, low, high)
+        second = np.ones(len(low), np.int64)
+        box, place = inside_boxes(self._sorted, start, stop - start, low, high, second)
         return box, self._order[place]
 
     def some(self, chosen: np.ndarray) -> PointObstacles:

@@ -4,7 +4,7 @@
 Sleep: bodies that lie still on something stop moving, and stop costing time.
 
 Judged on displacement: the velocity of a particle that a contact holds away from its goal is not
-zero at rest.
+zero at rest. Bodies that lie on each other fall asleep together, and wake each other.
 """
 
 from __future__ import annotations
@@ -13,17 +13,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from softbody_ros.core import contact
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.pins import Pins
+from softbody_ros.core.point_obstacles import PointObstacles
 from softbody_ros.core.rest_shape import RestShape
 
 WATCH = 0.1
 """Seconds between two looks."""
 QUIET = 2e-4
 """Displacement between two looks, in RMS radii, below which a body lies still."""
+QUIET_IN_HEAP = 1e-3
+"""The same for a body that touches others, whose unrest adds to its own."""
 QUIET_LOOKS = 5
 """Looks in a row after which a body that lies still falls asleep."""
 
@@ -60,40 +65,99 @@ def stillness(x: np.ndarray) -> Stillness:
     return Stillness(x.copy(), np.zeros(len(x), dtype=np.int64))
 
 
-def watch(
-    watched: Stillness,
+def look(watched: Stillness, x: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return how far bodies have moved since the last look, (B,), in RMS radii; look again."""
+    way = np.abs(x - watched.anchor).max(axis=(1, 2)) / rest.scale
+    watched.anchor[:] = x
+    return way
+
+
+def lying(
     x: np.ndarray,
-    v: np.ndarray,
     rest: RestShape,
     gains: Gains,
     obstacles: Sequence[Obstacle],
+    points: PointObstacles,
     pinned: Mapping[int, Pins],
-) -> None:
+) -> np.ndarray:
     """
-    Look at the bodies: those that lie still for long enough get zero velocities, in place.
+    Return which bodies lie on something that does not move, (B,) bool.
 
     Parameters
     ----------
-    watched : Stillness
-    x, v : (B, 3, n) float
-        m, m/s
+    x : (B, 3, n) float
+        m
     rest : RestShape
     gains : Gains
     obstacles : sequence of Obstacle
-        bodies fall asleep on these only: what floats or lies on a moving one stays awake
+    points : PointObstacles
     pinned : mapping of int to Pins
-        or on these, by row
+        by row
 
     """
-    if not watched.awake.any() or any(obstacle.moves for obstacle in obstacles):
-        return
-    quiet = QUIET * rest.scale
-    lies_on = np.zeros(len(x), dtype=bool)
+    reach = gains.thickness + QUIET * rest.scale
+    on_something = np.zeros(len(x), dtype=bool)
     for obstacle in obstacles:
-        lies_on[contact.find(x, obstacle, gains.thickness + quiet).body] = True
+        on_something[contact.find(x, obstacle, reach).body] = True
     for row, pins in pinned.items():
-        lies_on[row] = not pins.moves
-    still = lies_on & (np.abs(x - watched.anchor).max(axis=(1, 2)) < quiet)
-    watched.quiet_looks = np.where(still, watched.quiet_looks + 1, 0)
-    watched.anchor[:] = x
-    v[~watched.awake] = 0.0
+        on_something[row] = not pins.moves
+    if len(points):
+        low, high = x.min(axis=2), x.max(axis=2)
+        on_something[points.inside(low - reach[:, None], high + reach[:, None])[0]] = True
+    return on_something
+
+
+def fall_asleep(
+    watched: Sequence[Stillness],
+    way: np.ndarray,
+    lies: np.ndarray,
+    neighbours: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """
+    Count the looks of bodies that lie still, in place; a heap falls asleep as a whole.
+
+    Parameters
+    ----------
+    watched : sequence of Stillness
+    way : (C,) float
+        of all bodies of all of them, see `look`
+    lies : (C,) bool
+        see `lying`
+    neighbours : (p,) int, (p,) int
+        bodies that may touch each other
+
+    """
+    heap = heaps(len(way), *neighbours)
+    size = np.bincount(heap)
+    moves, held = np.zeros(len(size), dtype=bool), np.zeros(len(size), dtype=bool)
+    moves[heap[way >= np.where(size[heap] > 1, QUIET_IN_HEAP, QUIET)]] = True
+    held[heap[lies]] = True
+    # who has just come to the others has to be still for as long as they
+    least = np.full(len(size), QUIET_LOOKS)
+    np.minimum.at(least, heap, np.concatenate([each.quiet_looks for each in watched]))
+    looks = np.where(held & ~moves, least + 1, 0)[heap]
+    for each, part in zip(watched, _parted(looks, watched), strict=True):
+        each.quiet_looks = part
+
+
+def wake_neighbours(
+    watched: Sequence[Stillness], neighbours: tuple[np.ndarray, np.ndarray]
+) -> None:
+    """Wake the bodies of heaps in which one is awake, in place."""
+    awake = np.concatenate([each.awake for each in watched])
+    heap = heaps(len(awake), *neighbours)
+    stirred = np.zeros(heap.max() + 1, dtype=bool)
+    stirred[heap[awake]] = True
+    for each, part in zip(watched, _parted(stirred[heap] & ~awake, watched), strict=True):
+        each.quiet_looks[part] = 0
+
+
+def _parted(values: np.ndarray, watched: Sequence[Stillness]) -> list[np.ndarray]:
+    """Return values (C,) of all bodies as those of each batch."""
+    return np.split(values, np.cumsum([len(each.quiet_looks) for each in watched])[:-1])
+
+
+def heaps(bodies: int, one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    """Return the number (C,) of the heap of each body: those that touch belong together."""
+    graph = csr_array((np.ones(len(one)), (one, two)), shape=(bodies, bodies))
+    return connected_components(graph, directed=False)[1]

@@ -146,8 +146,10 @@ def find(
     """
     of, to = np.concatenate([one, two]), np.concatenate([two, one])
     start, stop = _ranges(crowd, found)
+    common = np.minimum(found.high[of], found.high[to]) - np.maximum(found.low[of], found.low[to])
+    thin = np.argmin(common / (found.high[of] - found.low[of]), axis=1)
     pair, inside = inside_boxes(
-        crowd.x, start[of], (stop - start)[of], found.low[to], found.high[to]
+        crowd.x, start[of], (stop - start)[of], found.low[to], found.high[to], thin
     )
     particle, box = np.concatenate([inside, particle]), np.concatenate([to[pair], box])
     source_of = crowd.source[found.body[box]]

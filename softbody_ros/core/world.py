@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import (
     body_contact,
+    boxes,
     dynamics,
     matching,
     obstacles,
@@ -54,6 +55,7 @@ class Snapshot:
     x: tuple[np.ndarray, ...]
     v: tuple[np.ndarray, ...]
     plastic: tuple[np.ndarray | None, ...]
+    reaction: tuple[np.ndarray, ...]
     watched: tuple[Stillness, ...]
     obstacles: tuple[Obstacle, ...]
     outside: Outside
@@ -169,6 +171,7 @@ class World:
         moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
         there = moved + outside.obstacles
         self._push()
+        self._wake_neighbours()
         rows = {
             index: np.flatnonzero(watched.awake)
             for index, watched in enumerate(self._watched)
@@ -221,10 +224,43 @@ class World:
             ) from error
 
     def _watch(self) -> None:
+        """Look which bodies have come to rest: those get zero velocities."""
+        there = self._obstacles + self._outside.obstacles
+        asleep = not any(watched.awake.any() for watched in self._watched)
+        # bodies fall asleep on what stands still only
+        if asleep or any(obstacle.moves for obstacle in there):
+            return
+        way, lies = [], []
         for batch, watched, gains, pinned in zip(
             self._batches, self._watched, self._gains, self._pinned, strict=True
         ):
-            sleep.watch(watched, batch.x, batch.v, batch.rest, gains, self.obstacles, pinned)
+            way.append(sleep.look(watched, batch.x, batch.rest))
+            lies.append(
+                sleep.lying(batch.x, batch.rest, gains, there, self._outside.points, pinned)
+            )
+        neighbours = self._neighbours()
+        sleep.fall_asleep(self._watched, np.concatenate(way), np.concatenate(lies), neighbours)
+        for batch, watched, pinned in zip(self._batches, self._watched, self._pinned, strict=True):
+            batch.v[~watched.awake] = 0.0
+            resting = np.setdiff1d(np.flatnonzero(~watched.awake), list(pinned))
+            batch.reaction[resting] = -np.stack([self.gravity, np.zeros(3)])
+
+    def _neighbours(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pairs of bodies, numbered batch by batch, whose boxes overlap."""
+        if len(self._place) < 2:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        low, high = [], []
+        for batch, gains in zip(self._batches, self._gains, strict=True):
+            reach = (gains.thickness + sleep.QUIET * batch.rest.scale)[:, None]
+            low.append(batch.x.min(axis=2) - reach)
+            high.append(batch.x.max(axis=2) + reach)
+        return boxes.overlapping(np.concatenate(low), np.concatenate(high))
+
+    def _wake_neighbours(self) -> None:
+        """Wake sleepers that those who are awake come near to."""
+        awake = np.concatenate([watched.awake for watched in self._watched])
+        if awake.any() and not awake.all():
+            sleep.wake_neighbours(self._watched, self._neighbours())
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
@@ -306,6 +342,7 @@ class World:
             tuple(batch.x.copy() for batch in self._batches),
             tuple(batch.v.copy() for batch in self._batches),
             tuple(batch.plastic for batch in self._batches),
+            tuple(batch.reaction.copy() for batch in self._batches),
             tuple(watched.copy() for watched in self._watched),
             self._obstacles,
             self._outside,
@@ -320,10 +357,16 @@ class World:
         )
         self._outside = snapshot.outside
         self._watched = [watched.copy() for watched in snapshot.watched]
-        for batch, x, v, plastic in zip(
-            self._batches, snapshot.x, snapshot.v, snapshot.plastic, strict=True
+        for batch, x, v, plastic, reaction in zip(
+            self._batches,
+            snapshot.x,
+            snapshot.v,
+            snapshot.plastic,
+            snapshot.reaction,
+            strict=True,
         ):
             batch.x[:], batch.v[:], batch.plastic = x, v, plastic
+            batch.reaction = reaction.copy()
 
     # -------------------------------------------------------------------------- from the outside
     def change_obstacles(
@@ -537,8 +580,9 @@ class World:
 
         World axes, at the centre of mass; zero where nothing touches.
         """
-        self._require_body(name)
-        return np.zeros(3), np.zeros(3)  # STUB: the sums over the contacts of the last tick
+        batch, row = self._state(name)
+        force, torque = self.body_config(name).mass * batch.reaction[row]
+        return force, torque
 
     @property
     def names(self) -> tuple[str, ...]:
