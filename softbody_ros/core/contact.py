@@ -195,7 +195,8 @@ def _candidates(
         before = _in_frame(start, *(obstacle.before or (obstacle.position, obstacle.rotation)))
         if np.abs(before - low).max() > obstacle.slow / 3**0.5:
             low, high = np.minimum(low, before), np.maximum(high, before)
-    limit = (obstacle.half_extents + thickness[:, None]).astype(x.dtype)[..., None]
+    # a little more, for the rounding of single precision
+    limit = (1.01 * obstacle.half_extents + thickness[:, None]).astype(x.dtype)[..., None]
     return _indices(((low < limit) & (high > -limit)).all(axis=1))
 
 
@@ -376,14 +377,14 @@ def depth_of_goals(
     """Return (k,): how deep the goals of touching particles lie in the obstacle, m, or 0."""
     body, particle = contacts.body, contacts.particle
     goal = goals[body, :, particle]
-    # goals that are far from their particles may lie on the far side, or beyond it
+    distance, normal = obstacle.distance((goal - obstacle.position) @ obstacle.rotation)
+    depth = tick.gains.thickness[body] - distance
+    # behind a thin wall goals are as deep as if it were thick
+    normal = normal @ obstacle.rotation.T
+    beyond = contacts.swept | (np.einsum('ij,ij->i', normal, contacts.normal) < 0.0)
     offset = goal - x[body, :, particle]
-    far = contacts.swept | (np.linalg.norm(offset, axis=1) > obstacle.slow)
-    depth = contacts.depth - np.einsum('ij,ij->i', offset, contacts.normal)
-    if not far.all():
-        near = ~far
-        depth[near] = _closest(goal[near], obstacle, tick.gains.thickness[body[near]])[0]
-    return np.maximum(depth, 0.0)
+    below = contacts.depth - np.einsum('ij,ij->i', offset, contacts.normal)
+    return np.maximum(np.where(beyond, below, depth), 0.0)
 
 
 def carried_weight(patch: Patch, sunk: np.ndarray, tick: Tick) -> np.ndarray:
