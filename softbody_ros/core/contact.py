@@ -116,6 +116,8 @@ def find(
     """
     if obstacle.config.type == 'plane':
         start = None
+    if bodies is not None and not len(bodies):
+        return NO_CONTACTS
     if bodies is not None and len(bodies) < len(x):
         part = find(
             x[bodies], obstacle, thickness[bodies], None if start is None else start[bodies]
@@ -274,8 +276,6 @@ def meet(
     near = nearby(particles, obstacles, thickness)
     for index, obstacle in enumerate(obstacles):
         for wall in range(WALLS):
-            if not len(near[index]):
-                break
             contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
             contacts = contacts.where(~tick.gains.rigid[contacts.body])
             if wall > 0:
