@@ -33,6 +33,15 @@ def sheet():
     return Surface(vertices, np.vstack([lower, upper]))
 
 
+def thin_bin(wall=0.02, sections=4):
+    """Return an open-top bin of radius and height 1 about the z axis: a closed surface."""
+    inner = 1.0 - wall
+    profile = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (inner, 1.0), (inner, wall), (0.0, wall)]
+    mesh = trimesh.creation.revolve(profile, sections=sections)
+    mesh.merge_vertices()
+    return Surface(mesh.vertices, mesh.faces)
+
+
 def cloud(points):
     """Return particles without faces."""
     return Surface(np.array(points, dtype=float), np.empty((0, 3), dtype=int))

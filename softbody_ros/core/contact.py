@@ -116,6 +116,8 @@ def find(
     """
     if obstacle.config.type == 'plane':
         start = None
+    if bodies is not None and not len(bodies):
+        return NO_CONTACTS
     if bodies is not None and len(bodies) < len(x):
         part = find(
             x[bodies], obstacle, thickness[bodies], None if start is None else start[bodies]
@@ -195,7 +197,8 @@ def _candidates(
         before = _in_frame(start, *(obstacle.before or (obstacle.position, obstacle.rotation)))
         if np.abs(before - low).max() > obstacle.slow / 3**0.5:
             low, high = np.minimum(low, before), np.maximum(high, before)
-    limit = (obstacle.half_extents + thickness[:, None]).astype(x.dtype)[..., None]
+    # a little more, for the rounding of single precision
+    limit = (1.01 * obstacle.half_extents + thickness[:, None]).astype(x.dtype)[..., None]
     return _indices(((low < limit) & (high > -limit)).all(axis=1))
 
 
@@ -273,8 +276,6 @@ def meet(
     near = nearby(particles, obstacles, thickness)
     for index, obstacle in enumerate(obstacles):
         for wall in range(WALLS):
-            if not len(near[index]):
-                break
             contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
             contacts = contacts.where(~tick.gains.rigid[contacts.body])
             if wall > 0:
@@ -387,14 +388,14 @@ def depth_of_goals(
     """Return (k,): how deep the goals of touching particles lie in the obstacle, m, or 0."""
     body, particle = contacts.body, contacts.particle
     goal = goals[body, :, particle]
-    # goals that are far from their particles may lie on the far side, or beyond it
+    distance, normal = obstacle.distance((goal - obstacle.position) @ obstacle.rotation)
+    depth = tick.gains.thickness[body] - distance
+    # behind a thin wall goals are as deep as if it were thick
+    normal = normal @ obstacle.rotation.T
+    beyond = contacts.swept | (np.einsum('ij,ij->i', normal, contacts.normal) < 0.0)
     offset = goal - x[body, :, particle]
-    far = contacts.swept | (np.linalg.norm(offset, axis=1) > obstacle.slow)
-    depth = contacts.depth - np.einsum('ij,ij->i', offset, contacts.normal)
-    if not far.all():
-        near = ~far
-        depth[near] = _closest(goal[near], obstacle, tick.gains.thickness[body[near]])[0]
-    return np.maximum(depth, 0.0)
+    below = contacts.depth - np.einsum('ij,ij->i', offset, contacts.normal)
+    return np.maximum(np.where(beyond, below, depth), 0.0)
 
 
 def carried_weight(patch: Patch, sunk: np.ndarray, weight: np.ndarray, tick: Tick) -> np.ndarray:

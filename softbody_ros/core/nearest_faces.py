@@ -304,11 +304,11 @@ class Triangles:
         square, offset, feature = self.closest(points, faces)
         pseudonormal = self.pseudonormals[faces, feature]
         distance = np.copysign(np.sqrt(square), np.einsum('ik,ki->k', offset, pseudonormal))
-        # on the surface, where the offset is rounding, the pseudonormal is the way out
+        # near the surface offsets are rounding: there pseudonormals are the way out
         scale = np.abs(points).max(axis=0) + np.abs(self.corner[:, faces]).max(axis=0)
-        apart = np.abs(distance) > 1e-12 * scale
-        normal = offset.T / np.where(apart, distance, 1.0)[:, None]
-        return distance, np.where(apart[:, None], normal, pseudonormal)
+        oblique = (feature > 0) & (np.abs(distance) > 1e-9 * scale)
+        normal = offset.T / np.where(oblique, distance, 1.0)[:, None]
+        return distance, np.where(oblique[:, None], normal, pseudonormal)
 
 
 def make_triangles(surface: Surface) -> Triangles:

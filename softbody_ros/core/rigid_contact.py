@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.contact import NO_CONTACTS, Contacts, find, joined, nearby
+from softbody_ros.core.contact import Contacts, find, joined, nearby
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import Particles, Tick
@@ -41,18 +41,17 @@ def meet(particles: Particles, obstacles: Sequence[Obstacle], tick: Tick) -> Non
     def touching() -> Iterator[Contacts]:
         near = nearby(particles, obstacles, tick.gains.thickness)
         for obstacle, bodies in zip(obstacles, near, strict=True):
-            bodies = bodies[tick.gains.rigid[bodies]]
-            if len(bodies):
-                yield find(particles.x, obstacle, tick.gains.thickness, particles.start, bodies)
+            rigid = bodies[tick.gains.rigid[bodies]]
+            yield find(particles.x, obstacle, tick.gains.thickness, particles.start, rigid)
 
-    contacts = joined([NO_CONTACTS, *touching()])
+    contacts = joined([*touching()])
     if not len(contacts):
         return
     for body in np.unique(contacts.body):
         collide(particles, int(body), contacts.where(contacts.body == body), tick)
     for _ in range(PUSH_OUT_ROUNDS):
-        for found in touching():
-            _push_out(particles.x, found)
+        for contacts in touching():
+            _push_out(particles.x, contacts)
 
 
 def collide(particles: Particles, body: int, contacts: Contacts, tick: Tick) -> None:
