@@ -28,7 +28,7 @@ from softbody_ros.stepping import Stepper
 
 WARNING_PERIOD = 5.0
 """Seconds between two warnings about the same topic."""
-BYTES_PER_MARKER, BYTES_PER_ACTION = 1000, 500
+BYTES_PER_MARKER, BYTES_PER_ACTION = 1500, 1000
 """What an action takes in the history, about."""
 # whoever sends reliably reaches a best-effort subscription too; of clouds only the last one counts
 NEWEST_CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
