@@ -361,7 +361,7 @@ def test_what_waits_for_the_end_of_a_way_back_is_bounded():
     assert done == list(range(12, 20))
 
 
-# ----------------------------------------------------------------------- what others put in the way
+# ---------------------------------------------------------------------- what others put in the way
 def put(key, seconds, x):
     """Return an action that puts a box beside the ball."""
     box = ObstacleConfig(name='marker', type='box', position=(x, 0.0, 0.5), size=(0.2, 0.2, 0.2))
