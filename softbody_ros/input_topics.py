@@ -8,7 +8,7 @@ Everything becomes history: when /clock goes back, it acts again at the same tic
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 import time
 from typing import Any
@@ -21,15 +21,16 @@ from visualization_msgs.msg import MarkerArray
 
 from softbody_ros import inputs
 from softbody_ros.core import World
-from softbody_ros.core.outside import MOST_GUESTS, Placement
+from softbody_ros.core.outside import MOST_GUESTS, Guest, Key, Placement, Removal
 from softbody_ros.inputs import InputError
 from softbody_ros.parameters import NodeConfig
 from softbody_ros.stepping import Stepper
 
 WARNING_PERIOD = 5.0
 """Seconds between two warnings about the same topic."""
-BYTES_PER_MARKER, BYTES_PER_ACTION = 1000, 500
-"""What an action takes in the history, about."""
+BYTES_PER_ACTION = 1000
+BYTES_PER_MARKER, BYTES_PER_POSE = 400, 1000
+"""What an action takes in the history, about; a marker that is sent again shares its pose."""
 # whoever sends reliably reaches a best-effort subscription too; of clouds only the last one counts
 NEWEST_CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -88,9 +89,11 @@ class InputTopics:
             self._stepper.time_scale,
         )
         if changes:
+            before = self._world.outside.guests
+            poses = sum(_is_new(change, before) for change in changes)
             self._act(
                 World.change_obstacles,
-                BYTES_PER_MARKER * len(changes),
+                BYTES_PER_MARKER * len(changes) + BYTES_PER_POSE * poses,
                 changes=tuple(changes),
                 longest_gap=settings.input_timeout,
             )
@@ -175,3 +178,11 @@ class InputTopics:
             'received obstacle points': str(len(outside.points)),
             'received wrenches': str(len(outside.wrenches)),
         }
+
+
+def _is_new(change: Placement | Removal, guests: Mapping[Key, Guest]) -> bool:
+    """Whether something is put where it has not been, or for the first time."""
+    if isinstance(change, Removal):
+        return False
+    before = guests.get(change.key)
+    return before is None or before.obstacle.config is not change.config

@@ -236,7 +236,13 @@ class Stepper:
         self.publish_now()
 
     def reset(self, now: int) -> None:
-        """Return to the initial state: tick 0 is now, and there is no past."""
+        """
+        Return to the initial state: tick 0 is now, and there is no past.
+
+        What others have put in the way stays there, even if a way back has not come to it yet.
+        """
+        for action in [note.action for note in self._replay] + [item for item, _ in self._waiting]:
+            action(self.world)
         self._replay, self._replay_end, self._waiting = deque(), 0, []
         self._steps_left = 0
         self.world.configure(self._config)

@@ -8,7 +8,7 @@ from core_helpers import bytes_of
 import numpy as np
 import pytest
 
-from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
+from softbody_ros.core import BodyConfig, ObstacleConfig, Placement, Removal, World, WorldConfig
 from softbody_ros.history import INTERVAL, LEAST_ACTION_BYTES, MOST_ACTIONS, History
 from softbody_ros.stepping import MEBIBYTE, SLICE, Stepper
 
@@ -359,3 +359,65 @@ def test_what_waits_for_the_end_of_a_way_back_is_bounded():
         stepper.act(lambda world, index=index: done.append(index), 2**20)
     go_to(stepper, 0.5)
     assert done == list(range(12, 20))
+
+
+# ---------------------------------------------------------------------- what others put in the way
+def put(key, seconds, x):
+    """Return an action that puts a box beside the ball."""
+    box = ObstacleConfig(name='marker', type='box', position=(x, 0.0, 0.5), size=(0.2, 0.2, 0.2))
+    placement = Placement((key, 0), box, round(seconds * SECOND))
+    return lambda world: world.change_obstacles([placement])
+
+
+def test_what_a_bag_sends_again_has_the_same_velocity():
+    stepper = stepper_of()
+    go_to(stepper, 0.1)
+    stepper.act(put('box', 0.1, 0.7))
+    go_to(stepper, 0.2)
+    stepper.act(put('box', 0.2, 0.6))
+    go_to(stepper, 0.5)
+    assert stepper.world.obstacles[1].position[0] == pytest.approx(0.3)
+    first = state(stepper)
+    go_to(stepper, 0.15)
+    assert stepper.world.obstacles[1].position[0] == 0.7
+    go_to(stepper, 0.2)
+    stepper.act(put('box', 0.2, 0.6))
+    go_to(stepper, 0.5)
+    assert state(stepper) == first
+
+
+def test_obstacles_are_where_they_were_then():
+    stepper, log = stepper_of(), {}
+    for tick, action in {
+        50: put('one', 0.0, 2.0),
+        100: put('two', 0.0, 3.0),
+        150: put('one', 0.0, 4.0),
+        200: lambda world: world.change_obstacles([Removal('two', 0)]),
+    }.items():
+        go_to(stepper, tick / 240)
+        log[tick] = [list(item.position) for item in stepper.world.obstacles[1:]]
+        stepper.act(action)
+    assert log == {50: [], 100: [[2, 0, 0.5]], 150: [[2, 0, 0.5], [3, 0, 0.5]],
+                   200: [[4, 0, 0.5], [3, 0, 0.5]]}  # fmt: skip
+    for tick in (300, 200, 150, 100, 50):
+        go_to(stepper, tick / 240)
+        assert (
+            tick == 300
+            or [list(item.position) for item in stepper.world.obstacles[1:]] == log[tick]
+        )
+
+
+def test_a_reset_on_the_way_back_keeps_what_is_in_the_way():
+    stepper = stepper_of(memory=0.0, per_look=SLICE / 10)
+    go_to(stepper, 0.4)
+    stepper.act(put('before', 0.0, 2.0))
+    go_to(stepper, 1.0)
+    stepper.act(put('undone', 0.0, 2.0))
+    now = START + SECOND // 2
+    stepper.rewind(now)
+    list(stepper.advance(now, drop_overload=False))
+    assert stepper.replaying and not stepper.world.outside.guests
+    stepper.act(put('meanwhile', 0.0, 2.0))
+    stepper.reset(now)
+    assert list(stepper.world.outside.guests) == [('before', 0), ('meanwhile', 0)]
+    assert stepper.world.tick == 0

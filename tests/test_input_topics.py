@@ -157,8 +157,13 @@ def test_every_kind_of_marker_and_a_lifetime(graph):
     assert len(sim._world.obstacles) == 4
     step(graph, 1)
     assert list(sim._world.outside.guests) == [('test', 0), ('test', 2)]
-    send(graph, 'obstacles', array_of(Marker(action=Marker.DELETEALL)))
+    clear = Marker(action=Marker.DELETEALL)
+    log = warnings(graph)
+    send(graph, 'obstacles', array_of(marker((5.0, 0.0, 0.0), id=3), clear))
     graph.spin_until(lambda: len(sim._world.obstacles) == 1)
+    send(graph, 'wrench', wrench_of('nobody'))  # said after what it might have said of the markers
+    graph.spin_until(lambda: said(log, 'nobody'))
+    assert not said(log, '~/obstacles')
 
 
 def test_a_marker_that_moves_moves_on_until_the_timeout(graph):
@@ -237,6 +242,7 @@ def test_a_huge_cloud_is_thinned_and_that_is_said(graph):
 def test_a_wrench_on_a_body_and_one_on_all(graph):
     sim = graph.sim_node(
         bodies=['one', 'two'], one__subdivisions=1, two__subdivisions=1, one__mass=2.0,
+        one__orientation=[0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)],
         two__position=[5.0, 0.0, 1.5], gravity__magnitude=0.0, input_timeout=0.1,
     )  # fmt: skip
     paused(graph)
@@ -244,7 +250,7 @@ def test_a_wrench_on_a_body_and_one_on_all(graph):
     send(graph, 'wrench', wrench_of('world', (0.0, 3.0, 0.0)))
     graph.spin_until(lambda: len(sim._world.outside.wrenches) == 2)
     step(graph, 100)  # they act for 24 ticks
-    np.testing.assert_allclose(momentum(sim, 'one'), [0.2, 0.15, 0.0], atol=1e-12)
+    np.testing.assert_allclose(momentum(sim, 'one'), [0.0, 0.2 + 0.15, 0.0], atol=1e-12)
     np.testing.assert_allclose(momentum(sim, 'two'), [0.0, 0.3, 0.0], atol=1e-12)
     send(graph, 'wrench', wrench_of('one', (4.0, 0.0, 0.0)))
     graph.spin_until(lambda: sim._world.outside.wrenches)

@@ -4,6 +4,8 @@
 
 from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
 from softbody_ros.core.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.outside import Placement, Removal
+from softbody_ros.core.point_obstacles import PointObstacles
 from softbody_ros.core.tick import SimulationError
 from softbody_ros.core.world import RigidFit, Snapshot, World
 
@@ -12,6 +14,9 @@ __all__ = [
     'ConfigError',
     'MeshError',
     'ObstacleConfig',
+    'Placement',
+    'PointObstacles',
+    'Removal',
     'RigidFit',
     'SimulationError',
     'Snapshot',

@@ -102,10 +102,14 @@ class Guest:
         still = dataclasses.replace(self.obstacle, config=_moving(self.obstacle.config, *_STILL))
         return dataclasses.replace(self, obstacle=still, stands_at=NEVER)
 
-    def looks_like(self, other: Guest | None) -> bool:
+    def moved(self, h: float) -> Guest:
+        """Return it after h seconds."""
+        if not self.obstacle.moves:
+            return self
+        return dataclasses.replace(self, obstacle=obstacles.moved(self.obstacle, h))
+
+    def looks_like(self, other: Guest) -> bool:
         """Whether bodies notice no difference."""
-        if other is None:
-            return False
         mine, others = self.obstacle, other.obstacle
         return (
             mine.config == others.config
@@ -185,10 +189,7 @@ class Outside:
         """Return it after h seconds: obstacles move on with their velocities."""
         if not self._moves:
             return self
-        guests = {
-            key: dataclasses.replace(guest, obstacle=obstacles.moved(guest.obstacle, h))
-            for key, guest in self.guests.items()
-        }
+        guests = {key: guest.moved(h) for key, guest in self.guests.items()}
         return dataclasses.replace(self, guests=guests)
 
     def at(self, tick: int) -> Outside:

@@ -482,6 +482,8 @@ class World:
 
     def _let(self, outside: Outside) -> None:
         """Let something act from now on; bodies wake up if they notice it."""
+        if outside is self._outside:
+            return
         before, gravity, self._outside = self._outside, self.gravity, outside
         if not outside.same_guests(before) or (gravity != self.gravity).any():
             for name in self._place:
