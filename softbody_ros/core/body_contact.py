@@ -35,6 +35,8 @@ RETREAT = 0.2
 """Share of what is deeper by which they move apart in a tick."""
 BODY_ROUNDS = 20
 SOFT_ROUNDS, RIGID_ROUNDS, FRICTION_ROUNDS, PUSH_OUT_ROUNDS = 4, 16, 4, 4
+STICKING = 0.5
+"""Share of the way that full friction takes back in a tick; with all of it heaps begin to sway."""
 LEAST_GRIP = 0.1
 """Support, as the sum of squared cosines, below which a load is not divided any further."""
 
@@ -521,7 +523,8 @@ def collide(
         now = grip.tangential(normal, velocity + grip.spread(friction))
         friction += (left * sliding - now) / grip.along_faces[:, None]
 
-    # friction takes back the same share of the way as of the speed: what sticks does not creep
+    # friction takes back some of the way, too: what sticks hardly creeps
+    kept = 1.0 - STICKING * (1.0 - left)
     way = crowd.x[grip.particle] - crowd.start[grip.particle]
     slid = grip.tangential(normal, way)
     depth = touches.depth - grip.along(normal, shift[grip.particle])
@@ -530,7 +533,7 @@ def collide(
         moved = grip.spread(back + out[:, None] * normal)
         out = np.maximum(out + (depth - grip.along(normal, moved)) / stiffness, 0.0)
         now = grip.tangential(normal, way + moved)
-        back += (left * slid - now) / grip.along_faces[:, None]
+        back += (kept * slid - now) / grip.along_faces[:, None]
 
     grip.give(crowd.v, push[:, None] * normal + friction)
     grip.give(crowd.x, back + out[:, None] * normal)
