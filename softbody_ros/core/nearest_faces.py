@@ -47,7 +47,7 @@ class NearestFaces:
 
     A cell whose centre is nearer to the surface than its diagonal has them all. A cell further
     away has only the face nearest to its centre, so that there distances may be too large, by less
-    than a diagonal and on smooth surfaces in second order only.
+    than two diagonals and on smooth surfaces in second order only.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class NearestFaces:
 
     def at_least(self, distance: np.ndarray) -> np.ndarray:
         """Return lower bounds (k,) of the true distances, from those of `distance`."""
-        far = np.maximum(distance - self.diagonal, self.exact_to)
+        far = np.maximum(distance - 2.0 * self.diagonal, self.exact_to)
         return np.where(distance > self.exact_to, far, distance)
 
     def is_clear(self, points: np.ndarray, distance: np.ndarray) -> np.ndarray:
