@@ -47,7 +47,7 @@ class NearestFaces:
 
     A cell whose centre is nearer to the surface than its diagonal has them all. A cell further
     away has only the face nearest to its centre, so that there distances may be too large, by less
-    than a diagonal and on smooth surfaces in second order only.
+    than two diagonals and on smooth surfaces in second order only.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class NearestFaces:
 
     def at_least(self, distance: np.ndarray) -> np.ndarray:
         """Return lower bounds (k,) of the true distances, from those of `distance`."""
-        far = np.maximum(distance - self.diagonal, self.exact_to)
+        far = np.maximum(distance - 2.0 * self.diagonal, self.exact_to)
         return np.where(distance > self.exact_to, far, distance)
 
     def is_clear(self, points: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -374,7 +374,12 @@ def _built(surface: Surface) -> NearestFaces:
     bound = np.zeros(len(faces), dtype=np.float32)
     bound[of_near] = near_bound
     first_face = faces[np.cumsum(count) - count]
-    level = triangles.signed_distance(centres.T, first_face)[0]
+    level = np.concatenate(
+        [
+            triangles.signed_distance(block.T, face)[0]
+            for block, face in zip(_blocks(centres), _blocks(first_face), strict=True)
+        ]
+    )
     level[~near] = np.copysign(np.inf, level[~near])
     level = _same_in_each_part(np.clip(level, -diagonal, diagonal).reshape(inner))
 
@@ -428,14 +433,16 @@ def _split(corners: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]
 
 def _face_of_far_cells(centres: np.ndarray, search: _Search, triangles: Triangles) -> np.ndarray:
     """Return the face (k,) nearest to each centre."""
-    if not len(centres):
-        return np.zeros(0, dtype=np.int64)
     few = min(4, search.tree.n)
-    _, samples = search.tree.query(centres, k=list(range(1, few + 1)))
-    faces = search.parent[samples]
-    square = triangles.closest(np.repeat(centres.T, few, axis=1), faces.ravel())[0]
-    best = square.reshape(faces.shape).argmin(axis=1)
-    return faces[np.arange(len(faces)), best]
+    result = np.zeros(len(centres), dtype=np.int64)
+    for start in range(0, len(centres), BLOCK):
+        block = centres[start : start + BLOCK]
+        _, samples = search.tree.query(block, k=list(range(1, few + 1)))
+        faces = search.parent[samples]
+        square = triangles.closest(np.repeat(block.T, few, axis=1), faces.ravel())[0]
+        best = square.reshape(faces.shape).argmin(axis=1)
+        result[start : start + BLOCK] = faces[np.arange(len(faces)), best]
+    return result
 
 
 def _faces_of_near_cells(
@@ -487,6 +494,10 @@ def _same_in_each_part(level: np.ndarray) -> np.ndarray:
 
 
 # ------------------------------------------------------------------------------------- arithmetic
+def _blocks(values: np.ndarray) -> list[np.ndarray]:
+    return [values[start : start + BLOCK] for start in range(0, len(values), BLOCK)]
+
+
 def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Return first[0], first[0] + 1, … (count[0] of them), first[1], …."""
     start = np.cumsum(count) - count
