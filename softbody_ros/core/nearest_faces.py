@@ -126,10 +126,6 @@ class NearestFaces:
             depth *= 0.5
         return depth
 
-    def nearest(self, points: np.ndarray) -> np.ndarray:
-        """Return (k,): the face nearest to the centre of the cell of points (k, 3), −1 outside."""
-        return self.nearest_face[self._cells(points)]
-
     def distance(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """
         Return signed distances (k,), negative inside, and outward normals (k, 3).
@@ -357,7 +353,7 @@ def _built(surface: Surface) -> NearestFaces:
     axes = [origin[axis] + cell * (0.5 + np.arange(inner[axis])) for axis in range(3)]
     centres = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, 3)
 
-    search = _Search(corners, 1.5 * cell)
+    search = Samples(corners, 1.5 * cell)
     diagonal = 3**0.5 * cell
     reach = diagonal + search.radius
     # from a sample: not less than from the surface
@@ -402,7 +398,7 @@ def _built(surface: Surface) -> NearestFaces:
     )
 
 
-class _Search:
+class Samples:
     """Points on all triangles, so close that each triangle is within `radius` of its own."""
 
     def __init__(self, corners: np.ndarray, spacing: float) -> None:
@@ -431,25 +427,23 @@ def _split(corners: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]
     return np.concatenate(pieces), np.concatenate(parents)
 
 
-def _face_of_far_cells(centres: np.ndarray, search: _Search, triangles: Triangles) -> np.ndarray:
-    """Return the face (k,) nearest to each centre."""
-    few = min(4, search.tree.n)
-    result = np.zeros(len(centres), dtype=np.int64)
-    for start in range(0, len(centres), BLOCK):
-        block = centres[start : start + BLOCK]
-        _, samples = search.tree.query(block, k=list(range(1, few + 1)))
-        faces = search.parent[samples]
-        square = triangles.closest(np.repeat(block.T, few, axis=1), faces.ravel())[0]
-        best = square.reshape(faces.shape).argmin(axis=1)
-        result[start : start + BLOCK] = faces[np.arange(len(faces)), best]
-    return result
+def _face_of_far_cells(centres: np.ndarray, samples: Samples, triangles: Triangles) -> np.ndarray:
+    """Return the face (k,) nearest to each centre, of those of the nearest samples."""
+    if not len(centres):
+        return np.zeros(0, dtype=np.int64)
+    few = min(4, samples.tree.n)
+    _, nearest = samples.tree.query(centres, k=list(range(1, few + 1)))
+    faces = samples.parent[nearest]
+    square = triangles.closest(np.repeat(centres.T, few, axis=1), faces.ravel())[0]
+    best = square.reshape(faces.shape).argmin(axis=1)
+    return faces[np.arange(len(faces)), best]
 
 
 def _faces_of_near_cells(
     centres: np.ndarray,
     bound: np.ndarray,
     diagonal: float,
-    search: _Search,
+    search: Samples,
     triangles: Triangles,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from softbody_ros.core.nearest_faces import NearestFaces, nearest_faces
+from softbody_ros.core.face_table import FaceTable, make_face_table
 from softbody_ros.core.regions import Regions
 from softbody_ros.core.rest_shape import RestShape
 
@@ -58,9 +58,14 @@ class Skin:
         return self.rest.surface.closed
 
     @cached_property
-    def nearest(self) -> NearestFaces:
-        """Which face of the rest shape is nearest to a point; for closed ones."""
-        return nearest_faces(self.rest.surface)
+    def table(self) -> FaceTable:
+        """Which face of the rest shape is nearest, for closed ones."""
+        return make_face_table(self.rest.surface)
+
+    def prepare(self) -> None:
+        """Make the table now, not when something first comes near: it takes a while."""
+        if self.closed:
+            _ = self.table
 
 
 def make_skin(rest: RestShape, regions: Regions | None) -> Skin:

@@ -186,7 +186,7 @@ def _inside_faces(
     points = crowd.x[particle]
     # the corners of equal boxes on each other lie on the edge between two faces: look inwards
     aim = points + INTO_ITSELF * (crowd.centre[body] - points)
-    face = skin.nearest.nearest(_in_rest_shape(aim, source, other - source.first, piece))
+    face = skin.table.nearest(_in_rest_shape(aim, source, other - source.first, piece))
     over = face >= 0
     if skin.pieces > 1:
         over &= skin.piece_of_face[face] == piece

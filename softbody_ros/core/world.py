@@ -142,6 +142,9 @@ class World:
         self._skins = [
             make_skin(rest, parts) for rest, parts in zip(self._rests, self._regions, strict=True)
         ]
+        if len(config.bodies) > 1:
+            for skin in self._skins:
+                skin.prepare()
         self._gains = self._gains_of(config)
         self._pinned: list[dict[int, Pins]] = [{} for _ in self._members]
         self._update_pins()
