@@ -20,8 +20,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from softbody_ros.core import contact, rigid_motion, touch
-from softbody_ros.core.boxes import joined
-from softbody_ros.core.crowd import Crowd, Source, make_crowd
+from softbody_ros.core.boxes import Boxes, joined
+from softbody_ros.core.crowd import Crowd, Fixed, Source, make_crowd
 from softbody_ros.core.dynamics import Flight
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.point_obstacles import NO_POINTS, PointObstacles
@@ -60,7 +60,7 @@ def meet(
     points : PointObstacles
 
     """
-    touching = _touching(flights, skins, points)
+    touching = _touching(flights, skins, obstacles, points)
     if touching is None:
         return
     crowd, tick = touching[0], flights[0].tick
@@ -84,11 +84,16 @@ def meet(
 
 # -------------------------------------------------------------------------------------- detection
 def _touching(
-    flights: Sequence[Flight], skins: Sequence[Skin], points: PointObstacles
+    flights: Sequence[Flight],
+    skins: Sequence[Skin],
+    obstacles: Sequence[Obstacle],
+    points: PointObstacles,
 ) -> tuple[Crowd, Touches] | None:
     """Return the bodies that may touch something, and what does."""
     sizes = [len(flight.batch.x) for flight in flights]
-    if sum(sizes) < 2 and not len(points) and all(skin.pieces == 1 for skin in skins):
+    spiky = [obstacle for obstacle in obstacles if obstacle.config.type != 'plane']
+    alone = sum(sizes) < 2 and all(skin.pieces == 1 for skin in skins)
+    if not flights or (alone and not spiky and not len(points)):
         return None
     numbers = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
     found = joined(
@@ -97,10 +102,9 @@ def _touching(
             for flight, skin, number in zip(flights, skins, numbers, strict=True)
         ]
     )
-    one, two = touch.pairs(
-        found, [skins[index] for index, size in enumerate(sizes) for _ in range(size)]
-    )
-    box, point = points.inside(found.low, found.high)
+    of_bodies = [skins[index] for index, size in enumerate(sizes) for _ in range(size)]
+    one, two = touch.pairs(found, of_bodies)
+    fixed, box, place = _fixed_points(found, spiky, points)
     involved = np.zeros(sum(sizes), dtype=bool)
     involved[found.body[np.concatenate([one, two, box])]] = True
     if not involved.any():
@@ -111,11 +115,47 @@ def _touching(
         if len(rows):
             sources.append(Source(flight, skin, rows, first))
             first += len(rows)
-    near, place = np.unique(point, return_inverse=True)
-    crowd = make_crowd(sources, points.some(near))
+    crowd = make_crowd(sources, fixed, flights[0].tick.h)
     found = dataclasses.replace(found, body=(np.cumsum(involved) - 1)[found.body])
-    touches = touch.find(crowd, found, one, two, crowd.first[-1] - len(near) + place, box)
+    touches = touch.find(crowd, found, one, two, crowd.first[first] + place, box)
     return (crowd, touches) if len(touches) else None
+
+
+def _fixed_points(
+    found: Boxes, obstacles: Sequence[Obstacle], points: PointObstacles
+) -> tuple[list[Fixed], np.ndarray, np.ndarray]:
+    """
+    Return points that do not give way and are in boxes: boxes (k,), and places (k,) of the points.
+
+    Particles meet obstacles; but corners, and whatever is smaller than the faces of a body, would
+    get in between its particles. So the points of obstacles meet the faces of bodies, too.
+    """
+    sets = [(points, np.zeros(3), np.zeros(6))] if len(points) else []
+    for index in np.flatnonzero(_close(found, obstacles)).tolist():
+        config = obstacles[index].config
+        twist = np.array([*config.velocity_linear, *config.velocity_angular])
+        sets.append((obstacles[index].spikes, obstacles[index].position, twist))
+    fixed: list[Fixed] = []
+    boxes, places, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
+    for each, centre, twist in sets:
+        box, point = each.inside(found.low, found.high)
+        near, place = np.unique(point, return_inverse=True)
+        if len(near):
+            fixed.append(Fixed(each.some(near), centre, twist))
+            boxes.append(box)
+            places.append(count + place)
+            count += len(near)
+    return fixed, np.concatenate(boxes), np.concatenate(places)
+
+
+def _close(found: Boxes, obstacles: Sequence[Obstacle]) -> np.ndarray:
+    """Return which obstacles reach into boxes, by balls about them, (o,) bool."""
+    if not obstacles:
+        return np.zeros(0, dtype=bool)
+    centre = np.array([obstacle.position for obstacle in obstacles])[:, None]
+    radius = np.array([obstacle.radius for obstacle in obstacles])
+    gap = np.maximum(np.maximum(found.low - centre, centre - found.high), 0.0)
+    return np.einsum('ijk,ijk->ij', gap, gap).min(axis=1) < radius**2
 
 
 # --------------------------------------------------------------------------------------- meetings

@@ -11,7 +11,7 @@ import numpy as np
 
 from softbody_ros.core import rigid_motion
 from softbody_ros.core.dynamics import Flight
-from softbody_ros.core.point_obstacles import NO_POINTS, PointObstacles
+from softbody_ros.core.point_obstacles import PointObstacles
 from softbody_ros.core.skin import Skin
 
 LEAST_WEIGHT = 1e-12
@@ -63,15 +63,40 @@ class Source:
 
 
 @dataclass(frozen=True)
+class Fixed:
+    """
+    Points of something that does not give way.
+
+    Attributes
+    ----------
+    points : PointObstacles
+    centre : (3,) float
+        m
+    twist : (6,) float
+        velocity there, m/s, and angular velocity, rad/s
+
+    """
+
+    points: PointObstacles
+    centre: np.ndarray
+    twist: np.ndarray
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(k, 3) float: of the points, m/s."""
+        return self.twist[:3] + np.cross(self.twist[3:], self.points.points - self.centre)
+
+
+@dataclass(frozen=True)
 class Crowd:
     """
-    C bodies with N particles in all; the last one is whatever does not give way, if anything.
+    C bodies with N particles in all; the last of them are what does not give way.
 
     Attributes
     ----------
     sources : sequence of Source
     source : (C,) int
-        which of them each body comes from; one more than there are for what does not give way
+        which of them each body comes from; beyond them for what does not give way
     first : (C + 1,) int
         where the particles of each body begin
     body : (N,) int
@@ -135,44 +160,62 @@ class Crowd:
         return result
 
 
-def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) -> Crowd:
-    """Return copies of bodies of flights, and points that do not give way, as a crowd."""
-    obstacle = [0] if len(points) else []
+def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> Crowd:
+    """
+    Return bodies, and points that do not give way, as a crowd: copies.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+    fixed : sequence of Fixed
+    h : float
+        s
+
+    """
 
     def particles(name: str) -> list[np.ndarray]:
         return [each.listed(getattr(each.flight.particles, name)) for each in sources]
 
-    def of_gains(name: str, unmoved: float) -> np.ndarray:
+    def of_gains(name: str, of_fixed: float) -> np.ndarray:
         rows = [getattr(each.flight.tick.gains, name)[each.rows] for each in sources]
-        return np.concatenate([*rows, np.full(len(obstacle), unmoved, rows[0].dtype)])
+        return np.concatenate([*rows, np.full(len(fixed), of_fixed, rows[0].dtype)])
 
     def of_motion(name: str) -> np.ndarray:
         rows = [getattr(each.flight.motion, name)[each.rows] for each in sources]
-        return np.concatenate([*rows, np.zeros((len(obstacle), *rows[0].shape[1:]))])
+        return np.concatenate([*rows, np.zeros((len(fixed), *rows[0].shape[1:]))])
 
-    sizes = [np.full(len(each.rows), each.skin.rest.particle_count) for each in sources]
-    counts = np.concatenate([*sizes, np.full(len(obstacle), len(points))])
-    weights = [
-        np.tile(np.maximum(each.skin.rest.weights[each.skin.order], LEAST_WEIGHT), len(each.rows))
-        for each in sources
-    ]
-    lightness = 1.0 / of_gains('mass', np.inf)
-    inverse_inertia, spin = of_motion('inverse_inertia'), of_motion('spin')
-    thickness = of_gains('thickness', points.radius)
+    points = [each.points.points for each in fixed]
+    velocities = [each.velocity for each in fixed]
+    bodies = [len(each.rows) for each in sources]
+    sizes = np.repeat([each.skin.rest.particle_count for each in sources], bodies)
+    counts = np.concatenate([sizes, [len(each) for each in points]]).astype(np.int64)
     body = np.repeat(np.arange(len(counts)), counts)
-    shares = np.concatenate([*weights, np.ones(len(points))]).astype(np.float64)
+    # shares of the mass
+    weights = [
+        np.tile(np.maximum(each.skin.rest.weights[each.skin.order], LEAST_WEIGHT), count)
+        for each, count in zip(sources, bodies, strict=True)
+    ]
+    shares = np.concatenate([*weights, *(np.ones(len(each)) for each in points)])
+    lightness = 1.0 / of_gains('mass', np.inf)
+    first_fixed = sum(bodies)
+    centre, spin = of_motion('centre'), of_motion('spin')
+    inverse_inertia = of_motion('inverse_inertia')
+    twist = np.hstack([of_motion('velocity'), rigid_motion.applied(inverse_inertia, spin)])
+    thickness = of_gains('thickness', 0.0)
+    for number, each in enumerate(fixed, first_fixed):
+        thickness[number] = each.points.radius
+        centre[number], twist[number] = each.centre, each.twist
+    ends = [each - h * velocity for each, velocity in zip(points, velocities, strict=True)]
     return Crowd(
         sources=sources,
-        source=np.repeat(
-            np.arange(len(sources) + 1), [*(len(each.rows) for each in sources), len(obstacle)]
-        ),
+        source=np.repeat(np.arange(len(sources) + 1), [*bodies, len(fixed)]),
         first=np.concatenate([[0], np.cumsum(counts)]),
         body=body,
-        x=np.concatenate([*particles('x'), points.points]),
-        v=np.concatenate([*particles('v'), np.zeros_like(points.points)]),
-        start=np.concatenate([*particles('start'), points.points]),
+        x=np.concatenate([*particles('x'), *points]),
+        v=np.concatenate([*particles('v'), *velocities]),
+        start=np.concatenate([*particles('start'), *ends]),
         goals=np.concatenate(
-            [*(each.listed(each.flight.match.goals[1]) for each in sources), points.points]
+            [*(each.listed(each.flight.match.goals[1]) for each in sources), *points]
         ),
         lightness=lightness[body] / shares,
         body_lightness=lightness,
@@ -184,14 +227,12 @@ def make_crowd(sources: Sequence[Source], points: PointObstacles = NO_POINTS) ->
         thickness=thickness,
         scale=np.concatenate(
             [
-                *(np.full(len(s.rows), s.skin.rest.scale) for s in sources),
-                np.full(len(obstacle), np.inf),
+                np.repeat([each.skin.rest.scale for each in sources], bodies),
+                np.full(len(fixed), np.inf),
             ]
         ),
-        centre=of_motion('centre'),
-        twist=np.concatenate(
-            [of_motion('velocity'), rigid_motion.applied(inverse_inertia, spin)], axis=1
-        ),
+        centre=centre,
+        twist=twist,
         spin=spin,
         inverse_inertia=inverse_inertia,
     )

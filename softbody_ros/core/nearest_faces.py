@@ -86,6 +86,11 @@ class NearestFaces:
     level: np.ndarray
 
     @property
+    def vertices(self) -> np.ndarray:
+        """(m, 3) float: a corner of each face, m."""
+        return self.triangles.corner.T
+
+    @property
     def diagonal(self) -> float:
         """Of a cell, m."""
         return 3**0.5 * self.cell

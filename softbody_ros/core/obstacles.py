@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,6 +14,11 @@ from scipy.spatial.transform import Rotation
 from softbody_ros.core.config import ConfigError, ObstacleConfig
 from softbody_ros.core.mesh import PRIMITIVES, MeshError, Surface, make_surface
 from softbody_ros.core.nearest_faces import NearestFaces, nearest_faces
+from softbody_ros.core.point_obstacles import PointObstacles
+
+EDGE_POINTS, MOST_SPIKES = 16, 2000
+"""Points along an edge of an obstacle, and of a mesh, that bodies' faces are kept out of."""
+KEPT = 256
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,15 @@ class Obstacle:
             return 0.5 * self._scale * self.faces.half_thickness
         return 0.5 * float(self.half_extents.min())
 
+    @cached_property
+    def spikes(self) -> PointObstacles:
+        """Points of it that may get in between the particles of a body: corners, edges, tips."""
+        local, radius = _spikes(self.config.type, self.config.size)
+        if self.faces is not None:
+            corners = self._scale * self.faces.vertices
+            local = corners[:: max(len(corners) // MOST_SPIKES, 1)]
+        return PointObstacles(self.position + local @ self.rotation.T, radius)
+
     def distance(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return signed distances (k,) and outward normals (k, 3) of points (k, 3)."""
         if self.faces is None:
@@ -155,6 +169,31 @@ def moved(obstacle: Obstacle, h: float) -> Obstacle:
         rotation=turn @ obstacle.rotation,
         before=(obstacle.position, obstacle.rotation),
     )
+
+
+# ----------------------------------------------------------------------------------------- spikes
+@lru_cache(maxsize=KEPT)
+def _spikes(kind: str, size: tuple[float, ...]) -> tuple[np.ndarray, float]:
+    """Return points (k, 3) in the frame of an obstacle, m, and the radius of balls about them."""
+    radius, _, half_length = size
+    if kind == 'sphere':
+        return np.zeros((1, 3)), radius
+    if kind == 'capsule':
+        straight = max(half_length - radius, 0.0)
+        count = min(2 + int(2.0 * straight / radius), EDGE_POINTS)
+        return np.linspace(-straight, straight, count)[:, None] * np.eye(3)[2], radius
+    if kind == 'cylinder':
+        angles = np.linspace(0.0, 2.0 * np.pi, EDGE_POINTS, endpoint=False)
+        rim = radius * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+        rim = np.concatenate([rim, np.zeros((1, 3))])
+        end = half_length * np.eye(3)[2]
+        return np.concatenate([rim - end, rim + end]), 0.0
+    if kind == 'box':
+        steps = np.linspace(-1.0, 1.0, EDGE_POINTS)
+        ends = np.array([(y, z) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+        edges = np.array([(x, y, z) for x in steps for y, z in ends])
+        return np.concatenate([np.roll(edges, axis, axis=1) for axis in range(3)]) * size, 0.0
+    return np.zeros((0, 3)), 0.0
 
 
 # ------------------------------------------------------------------------------- signed distances

@@ -27,7 +27,7 @@ WATCH = 0.1
 """Seconds between two looks."""
 QUIET = 2e-4
 """Displacement between two looks, in RMS radii, below which a body lies still."""
-QUIET_IN_HEAP = 1e-3
+QUIET_IN_HEAP = 2e-3
 """The same for a body that touches others, whose unrest adds to its own."""
 QUIET_LOOKS = 5
 """Looks in a row after which a body that lies still falls asleep."""

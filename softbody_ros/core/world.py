@@ -229,9 +229,9 @@ class World:
     def _watch(self) -> None:
         """Look which bodies have come to rest: those get zero velocities."""
         there = self._obstacles + self._outside.obstacles
-        asleep = not any(watched.awake.any() for watched in self._watched)
+        awake = any(watched.awake.any() for watched in self._watched)
         # bodies fall asleep on what stands still only
-        if asleep or any(obstacle.moves for obstacle in there):
+        if not awake or any(obstacle.moves for obstacle in there):
             return
         way, lies = [], []
         for batch, watched, gains, pinned in zip(
@@ -261,8 +261,8 @@ class World:
 
     def _wake_neighbours(self) -> None:
         """Wake sleepers that those who are awake come near to."""
-        awake = np.concatenate([watched.awake for watched in self._watched])
-        if awake.any() and not awake.all():
+        sleepers = any(not watched.awake.all() for watched in self._watched)
+        if sleepers and any(watched.awake.any() for watched in self._watched):
             sleep.wake_neighbours(self._watched, self._neighbours())
 
     # ------------------------------------------------------------------------------------ state
