@@ -27,7 +27,7 @@ from softbody_ros.core.point_obstacles import NO_POINTS, PointObstacles, thinned
 SHAPES = {
     Marker.CUBE: 'box',
     Marker.SPHERE: 'sphere',
-    Marker.CYLINDER: 'capsule',  # until there is a cylinder
+    Marker.CYLINDER: 'cylinder',
 }
 """Obstacle types of the marker types that can be obstacles."""
 ROUND = {Marker.SPHERE: 'x y z', Marker.CYLINDER: 'x y'}
