@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from softbody_ros.core.face_table import FaceTable, make_face_table
 from softbody_ros.core.regions import Regions
@@ -34,7 +35,8 @@ class Skin:
     covered, covered_first : (c,), (P,) int
         particles of each piece and at corners of its faces, and where each piece begins
     strangers : (P, P) bool
-        pieces of one body that may touch each other: no particle belongs to both
+        pieces of one body that may touch each other: no particle belongs to both, nor has a face
+        of both
 
     """
 
@@ -71,11 +73,8 @@ class Skin:
 def make_skin(rest: RestShape, regions: Regions | None) -> Skin:
     """Return the skin of a shape that is matched as a whole, or in regions."""
     faces, count = rest.surface.faces, rest.particle_count
-    if regions is None:
-        home, strangers = np.zeros(count, dtype=np.int64), np.zeros((1, 1), dtype=bool)
-    else:
-        home, strangers = regions.home, (regions.belongs.T @ regions.belongs).toarray() == 0
-    pieces = len(strangers)
+    pieces = 1 if regions is None else regions.count
+    home = np.zeros(count, dtype=np.int64) if regions is None else regions.home
     order = np.argsort(home, kind='stable')
     place = np.empty(count, dtype=np.int64)
     place[order] = np.arange(count)
@@ -84,6 +83,11 @@ def make_skin(rest: RestShape, regions: Regions | None) -> Skin:
     piece, covered = np.divmod(
         np.unique(of_piece + np.concatenate([np.arange(count), faces.ravel()])), count
     )
+    strangers = np.zeros((1, 1), dtype=bool)
+    if regions is not None:
+        covers = csr_array((np.ones(len(piece)), (covered, piece)), shape=(count, pieces))
+        belongs = covers + regions.belongs
+        strangers = (belongs.T @ belongs).toarray() == 0.0
     return Skin(
         rest=rest,
         order=order,

@@ -145,12 +145,10 @@ def find(
 
     """
     of, to = np.concatenate([one, two]), np.concatenate([two, one])
-    start, stop = _ranges(crowd, found)
+    start, count = _ranges(crowd, found, of)
     common = np.minimum(found.high[of], found.high[to]) - np.maximum(found.low[of], found.low[to])
     thin = np.argmin(common / (found.high[of] - found.low[of]), axis=1)
-    pair, inside = inside_boxes(
-        crowd.x, start[of], (stop - start)[of], found.low[to], found.high[to], thin
-    )
+    pair, inside = inside_boxes(crowd.x, start, count, found.low[to], found.high[to], thin)
     particle, box = np.concatenate([inside, particle]), np.concatenate([to[pair], box])
     source_of = crowd.source[found.body[box]]
     parts = []
@@ -164,17 +162,16 @@ def find(
     return Touches(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def _ranges(crowd: Crowd, found: Boxes) -> tuple[np.ndarray, np.ndarray]:
-    """Return where in the crowd the particles of each box begin and end."""
-    begin, end = np.empty(len(found.body), np.int64), np.empty(len(found.body), np.int64)
+def _ranges(crowd: Crowd, found: Boxes, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where in the crowd the particles of boxes begin, and how many they are."""
+    start, count = np.empty(len(box), np.int64), np.empty(len(box), np.int64)
+    source_of = crowd.source[found.body[box]]
     for index, source in enumerate(crowd.sources):
-        mine = crowd.source[found.body] == index
-        body, piece = crowd.first[found.body[mine]], found.piece[mine]
-        begin[mine], end[mine] = (
-            body + source.skin.first[piece],
-            body + source.skin.first[piece + 1],
-        )
-    return begin, end
+        mine = source_of == index
+        body, piece = found.body[box[mine]], found.piece[box[mine]]
+        first = source.skin.first
+        start[mine], count[mine] = crowd.first[body] + first[piece], np.diff(first)[piece]
+    return start, count
 
 
 def _inside_faces(
