@@ -29,7 +29,7 @@ from softbody_ros.core.skin import Skin
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.touch import Touches
 
-DEEPEST = 0.12
+DEEPEST = 0.1
 """How deep goals may be in each other, in RMS radii, before bodies stop each other as wholes."""
 RETREAT = 0.2
 """Share of what is deeper by which they move apart in a tick."""
@@ -422,10 +422,14 @@ def stopped_bodies(
         s
 
     """
+    room = DEEPEST * meeting.scale - meeting.depth
+    enough = meeting.mean(meeting.speeds(twist)) >= -room / h
+    if (enough | ~meeting.apart).all():
+        return no_stops(meeting)
     crowd, mobility, pairs = meeting.crowd, meeting.mobility, len(meeting.one)
     share = np.where(meeting.apart[meeting.pair], meeting.share, 0.0)[:, None]
     standing, row_standing, room_standing = _standing(crowd, obstacles)
-    room = np.concatenate([DEEPEST * meeting.scale - meeting.depth, room_standing])
+    room = np.concatenate([room, room_standing])
     row_one = np.concatenate([meeting.sums(share * meeting.rows[0]), row_standing])
     row_two = meeting.sums(share * meeting.rows[1])
     one, two = np.concatenate([meeting.one, standing]), meeting.two
@@ -472,6 +476,13 @@ def stopped_bodies(
         impulse=impulse[:pairs][meeting.pair] * meeting.share,
         from_obstacles=_sums(from_obstacles, standing, len(crowd)).reshape(-1, 2, 3),
     )
+
+
+def no_stops(meeting: Meeting) -> Stops:
+    """Return what it is when nothing has to be stopped."""
+    count = len(meeting.crowd)
+    still = np.zeros((count, 6))
+    return Stops(still, still, np.zeros(len(meeting.touches)), np.zeros((count, 2, 3)))
 
 
 def _by_body(

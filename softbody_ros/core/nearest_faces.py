@@ -34,6 +34,8 @@ MARGIN = 2
 """Cells between a surface's bounding box and the border of the grid."""
 BLOCK = 4096
 """Cells whose candidates are found at once: bounds the memory."""
+FLAT = 0.995
+"""Cosine between the normals of a face and of its corner from which on it counts as flat."""
 KEPT = 32
 """Grids that are remembered."""
 HALVINGS, OPPOSITE = 20, 0.3
@@ -85,10 +87,15 @@ class NearestFaces:
     nearest_face: np.ndarray
     level: np.ndarray
 
-    @property
-    def vertices(self) -> np.ndarray:
-        """(m, 3) float: a corner of each face, m."""
-        return self.triangles.corner.T
+    @cached_property
+    def sharp_vertices(self) -> np.ndarray:
+        """(k, 3) float: those at which the surface is not flat, m."""
+        triangles = self.triangles
+        corners = np.stack([0.0 * triangles.ab, triangles.ab, triangles.ac])
+        corners = (triangles.corner + corners).transpose(2, 0, 1)
+        face, vertices = triangles.pseudonormals[:, :1], triangles.pseudonormals[:, 4:]
+        sharp = np.einsum('fki,fvi->fv', face, vertices) < FLAT
+        return np.unique(corners[sharp], axis=0)
 
     @property
     def diagonal(self) -> float:

@@ -97,7 +97,7 @@ class Obstacle:
         """Points of it that may get in between the particles of a body: corners, edges, tips."""
         local, radius = _spikes(self.config.type, self.config.size)
         if self.faces is not None:
-            corners = self._scale * self.faces.vertices
+            corners = self._scale * self.faces.sharp_vertices
             local = corners[:: max(len(corners) // MOST_SPIKES, 1)]
         return PointObstacles(self.position + local @ self.rotation.T, radius)
 
