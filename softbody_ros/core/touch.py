@@ -169,7 +169,9 @@ def _ranges(crowd: Crowd, found: Boxes) -> tuple[np.ndarray, np.ndarray]:
     begin, end = np.empty(len(found.body), np.int64), np.empty(len(found.body), np.int64)
     for index, source in enumerate(crowd.sources):
         mine = crowd.source[found.body] == index
-        body, piece = crowd.first[found.body[mine]], found.piece[mine]
+        body = crowd.first[found.body[mine]]
+        # boxes of bodies that are not in the crowd have the number of another one: never used
+        piece = np.minimum(found.piece[mine], source.skin.pieces - 1)
         begin[mine], end[mine] = (
             body + source.skin.first[piece],
             body + source.skin.first[piece + 1],
