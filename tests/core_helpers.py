@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes, worlds and measurements that several core tests use."""
 
+import dataclasses
 from importlib.resources import files
 
 import numpy as np
@@ -82,6 +83,14 @@ def body(mesh='icosphere', **values):
     return BodyConfig(**{'mesh': mesh, 'subdivisions': 1, 'position': (0.0, 0.0, 0.0)} | values)
 
 
+def apart(bodies, distance=20.0):
+    """Return bodies with their positions shifted along x, far enough to never meet, as a list."""
+    return [
+        dataclasses.replace(each, position=np.add(each.position, (i * distance, 0.0, 0.0)))
+        for i, each in enumerate(bodies)
+    ]
+
+
 def put(world, name, positions=None, velocities=None):
     """Overwrite positions or velocities (n, 3) of a body, by way of a snapshot."""
     snapshot = world.snapshot()
@@ -136,7 +145,7 @@ def random_rotation(seed):
 
 
 def disturbed(world, name='body', seed=0, shape=0.1, speed=0.5):
-    """Turn and deform a body in ways that its mode knows and does not know; kick its particles."""
+    """Move and deform a body in ways that its mode knows and does not know; kick its particles."""
     random = np.random.default_rng(seed)
     rest = world.rest_shape(name)
     transform = random_rotation(seed) @ (np.eye(3) + shape * random.normal(size=(3, 3)))
@@ -145,7 +154,8 @@ def disturbed(world, name='body', seed=0, shape=0.1, speed=0.5):
     x += 0.3 * shape * rest.scale * random.normal(size=x.shape)
     v = speed * rest.scale * random.normal(size=x.shape)
     v += np.cross(speed * random.normal(size=3), x) + random.normal(size=3)
-    put(world, name, x + random.normal(size=3), v)
+    place = random.normal(size=3) + world.body_config(name).position
+    put(world, name, x + place, v)
 
 
 def frequency_and_decay(amplitudes, h):

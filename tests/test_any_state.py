@@ -118,16 +118,21 @@ def worlds_in_every_state(surface, size, material, time_step, **more):
     return World(config), cases
 
 
-def put_in_every_state(world, cases, pose, place, velocity, seed):
+def put_in_every_state(world, cases, pose, places, velocity, seed):
     """Deform the bodies in their own frames, turn them, put them somewhere and let them drift."""
     random = np.random.default_rng(seed)
     rest = world.rest_shape(world.names[0])
     snapshot = world.snapshot()
-    for row, (_, state) in enumerate(cases):
+    for row, ((_, state), place) in enumerate(zip(cases, places, strict=True)):
         q = rest.surface.vertices - rest.centre
         snapshot.x[0][row] = (STATES[state](q, random) @ pose.T + place).T
         snapshot.v[0][row] = np.reshape(velocity, (3, -1))
     world.restore(snapshot)
+
+
+def side_by_side(cases, place, size):
+    """Return a place for each case, so far apart that bodies of 100 times their size are alone."""
+    return [np.add(place, (1000.0 * size * i, 0.0, 0.0)) for i in range(len(cases))]
 
 
 def orientation(world, name):
@@ -145,7 +150,7 @@ def assert_all_come_back(surface, size, material, pose, place, velocity, seed):
     world, cases = worlds_in_every_state(
         surface, size, material, time_step, gravity_magnitude=0.0, obstacles=()
     )
-    put_in_every_state(world, cases, pose, place, velocity, seed)
+    put_in_every_state(world, cases, pose, side_by_side(cases, place, size), velocity, seed)
     world.step(math.ceil(seconds / time_step))
     for name in world.names:
         assert np.isfinite(world.positions(name)).all()
@@ -179,7 +184,8 @@ def test_regions_and_dents_keep_any_state_finite_and_the_right_way_round(
     world, cases = worlds_in_every_state(
         FULL_SHAPES[shape], size, material | extra, 1 / 240, gravity_magnitude=0.0, obstacles=()
     )
-    put_in_every_state(world, cases, pose, (1.0, 2.0, 3.0), size * np.ones(3), seed)
+    places = side_by_side(cases, (1.0, 2.0, 3.0), size)
+    put_in_every_state(world, cases, pose, places, size * np.ones(3), seed)
     world.step(math.ceil(min(time_to_come_back(material), 10.0) * 240))
     for name, case in zip(world.names, cases, strict=True):
         assert np.isfinite(world.positions(name)).all(), case
@@ -205,11 +211,19 @@ def test_no_state_dropped_on_the_ground_leaves_the_finite_numbers(size, material
     world, cases = worlds_in_every_state(
         FULL_SHAPES['sheared box'], size, material, 1 / 120, gravity_magnitude=GRAVITY * size
     )
-    put_in_every_state(world, cases, pose, (0.0, 0.0, 300.0 * size), np.zeros(3), seed)
-    start = [np.abs(world.positions(name)).max() for name in world.names]
+    places = side_by_side(cases, (0.0, 0.0, 300.0 * size), size)
+    put_in_every_state(world, cases, pose, places, np.zeros(3), seed)
+
+    def positions():
+        """Return where the bodies are, as seen from below the places from which they fall."""
+        return [
+            world.positions(name) - place * (1.0, 1.0, 0.0)
+            for name, place in zip(world.names, places, strict=True)
+        ]
+
+    start = [np.abs(x).max() for x in positions()]
     for _ in range(16):
         world.step(60)
-        for name, case, extent in zip(world.names, cases, start, strict=True):
-            x = world.positions(name)
+        for name, x, case, extent in zip(world.names, positions(), cases, start, strict=True):
             assert np.isfinite(x).all() and np.isfinite(world.velocities(name)).all(), case
             assert np.abs(x).max() < 10.0 * extent + 10.0 * size, case

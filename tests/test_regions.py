@@ -8,6 +8,7 @@ import math
 
 from core_helpers import (
     angular_momentum,
+    apart,
     body,
     bytes_of,
     cloud,
@@ -282,7 +283,7 @@ def test_undamped_oscillations_do_not_grow():
             itertools.product(SOFT, (0.0, 0.5, 0.9), (0.0, 0.3))
         )
     ]
-    world = floating(*bodies, h=1 / 60)
+    world = floating(*apart(bodies), h=1 / 60)
     for name in world.names:
         disturbed(world, name, seed=3, shape=0.1, speed=0.1)
 
@@ -513,7 +514,7 @@ def test_awkward_meshes_keep_their_momentum_and_find_their_shape_again(name):
         for count, overlap in sorted(covers)
         for mode in SOFT
     ]
-    world = floating(*bodies, h=1 / 60)
+    world = floating(*apart(bodies), h=1 / 60)
     before = {}
     for seed, body_name in enumerate(world.names):
         disturbed(world, body_name, seed=seed, shape=0.05, speed=0.3)
