@@ -14,6 +14,7 @@ from softbody_ros.core.dynamics import Flight
 from softbody_ros.core.point_obstacles import PointObstacles
 from softbody_ros.core.skin import Skin
 
+ALL = slice(None)
 LEAST_WEIGHT = 1e-12
 """Share of its body's mass that a particle without area has when it touches something."""
 
@@ -147,10 +148,11 @@ class Crowd:
     def __len__(self) -> int:
         return len(self.body_lightness)
 
-    def field(self, twist: np.ndarray) -> np.ndarray:
-        """Return the velocities (N, 3) that rigid motions (C, 6) give to the particles."""
+    def field(self, twist: np.ndarray, particle: np.ndarray | slice = ALL) -> np.ndarray:
+        """Return the velocities (n, 3) that rigid motions (C, 6) give to particles."""
+        body = self.body[particle]
         offset = twist[:, :3] - rigid_motion.cross(twist[:, 3:], self.centre)
-        return offset[self.body] + rigid_motion.cross(twist[self.body, 3:], self.x)
+        return offset[body] + rigid_motion.cross(twist[body, 3:], self.x[particle])
 
     def mobility(self) -> np.ndarray:
         """Return (C, 6, 6): what an impulse and a turning impulse do to the twist, 1/kg …."""

@@ -184,12 +184,9 @@ class World:
         for index in rows:
             with self._computing(self._members[index]):
                 flights[index] = self._fly(index, rows[index])
-        body_contact.meet(
-            list(flights.values()),
-            [self._skins[index] for index in flights],
-            there,
-            outside.points,
-        )
+        skins = [self._skins[index] for index in flights]
+        with self._computing(self.names):
+            body_contact.meet(list(flights.values()), skins, there, outside.points)
         for index, flight in flights.items():
             with self._computing(self._members[index]):
                 dynamics.land(flight, there)
