@@ -60,11 +60,10 @@ def stopped_bodies(
     h: float,
 ) -> Stops:
     """
-    Return what keeps bodies from sinking deeper than `DEEPEST` into each other, without rebound.
+    Return what keeps bodies from sinking deeper than `DEEPEST` into each other.
 
-    The particles that touch are light: between heavy or fast bodies they would give way until the
-    bodies had passed through each other. Obstacles, which particles cannot enter, take part only
-    to hold what stands on them: impulses go through a pile in one tick.
+    They rebound as springily as they are. Obstacles, which particles cannot enter, take part only
+    to hold what stands on them: so impulses go through a heap in one tick.
 
     Parameters
     ----------
@@ -82,56 +81,98 @@ def stopped_bodies(
     enough = meeting.mean(meeting.speeds(twist)) >= -room / h
     if (enough | ~meeting.apart).all():
         return no_stops(meeting)
+    heap = make_heap(meeting, obstacles)
+    before = heap.felt @ twist.ravel()
+    least = -np.maximum(heap.room, 0.0) / h
+    impulse = heap.solved(least - before)
+    retreat = heap.solved(RETREAT * np.maximum(-heap.room, 0.0))
+    back = np.zeros(len(heap.room))
+    pairs = len(meeting.one)
+    fast = np.clip(-before[:pairs] / meeting.settling(gravity) - contact.SETTLED, 0.0, 1.0)
+    back[:pairs] = -meeting.springiness * fast * before[:pairs]
+    rebounds = (impulse > 0.0) & (back > 0.0)
+    if rebounds.any():
+        rebounding = heap.solved(np.where(rebounds, back, least) - before)
+        gained = rebounding @ (before + 0.5 * (heap.coupling @ rebounding))
+        # rebounds that go through a whole heap at once could give more than there was
+        if gained <= 0.0:
+            impulse = rebounding
+            # they turn round within the tick: where they are deepest in each other
+            retreat -= np.where(rebounds, heap.compliance * np.maximum(heap.room, 0.0), 0.0)
+    return heap.stops(meeting, impulse, retreat)
+
+
+@dataclass(frozen=True)
+class Heap:
+    """
+    Bodies that touch each other and obstacles, as constraints: first the pairs, then those.
+
+    Attributes
+    ----------
+    room : (q,) float
+        how much deeper they may sink, m
+    felt : (q, 6 C) sparse
+        from twists to the speeds with which they part
+    caused : (6 C, q) sparse
+        from impulses to twists
+    coupling : (q, q) sparse
+        from impulses to speeds
+    compliance : (q,) float
+        impulse that a speed takes, if all are stopped at once, kg
+    standing : (s,) int
+        bodies on obstacles
+    row_standing : (s, 6) float
+        what their twists do along the normals
+
+    """
+
+    room: np.ndarray
+    felt: csr_array
+    caused: csr_array
+    coupling: csr_array
+    compliance: np.ndarray
+    standing: np.ndarray
+    row_standing: np.ndarray
+
+    def solved(self, missing: np.ndarray) -> np.ndarray:
+        """Return impulses that are not negative, after which no speed is missing, (q,)."""
+        impulse = np.zeros(len(missing))
+        for _ in range(ROUNDS):
+            step = self.compliance * (missing - self.coupling @ impulse)
+            impulse = np.maximum(impulse + step, 0.0)
+        return impulse
+
+    def stops(self, meeting: Meeting, impulse: np.ndarray, retreat: np.ndarray) -> Stops:
+        """Return what impulses, and moves as if they were impulses, do to the bodies."""
+        pairs, count = len(meeting.one), len(meeting.crowd)
+        from_obstacles = impulse[pairs:, None] * self.row_standing
+        return Stops(
+            twist=(self.caused @ impulse).reshape(-1, 6),
+            retreat=(self.caused @ retreat).reshape(-1, 6),
+            impulse=impulse[:pairs][meeting.pair] * meeting.share,
+            from_obstacles=summed(from_obstacles, self.standing, count).reshape(-1, 2, 3),
+        )
+
+
+def make_heap(meeting: Meeting, obstacles: Sequence[Obstacle]) -> Heap:
+    """Return the constraints between the bodies of a meeting, and the obstacles they stand on."""
     crowd, mobility, pairs = meeting.crowd, meeting.mobility, len(meeting.one)
     share = np.where(meeting.apart[meeting.pair], meeting.share, 0.0)[:, None]
     standing, row_standing, room_standing = _standing(crowd, obstacles)
-    room = np.concatenate([room, room_standing])
     row_one = np.concatenate([meeting.sums(share * meeting.rows[0]), row_standing])
     row_two = meeting.sums(share * meeting.rows[1])
     one, two = np.concatenate([meeting.one, standing]), meeting.two
     by_one = rigid_motion.applied(mobility[one], row_one)
     by_two = rigid_motion.applied(mobility[two], row_two)
-    felt, caused = (
-        _by_body(a, one, -b, two, len(crowd)) for a, b in ((row_one, row_two), (by_one, by_two))
-    )
-    caused = caused.T.tocsr()
-    coupling = felt @ caused
+    felt = _by_body(row_one, one, -row_two, two, len(crowd))
+    caused = _by_body(by_one, one, -by_two, two, len(crowd)).T.tocsr()
     # each body counts as many times as it touches something: so all can be stopped at once
-    contacts = np.bincount(one, minlength=len(crowd)) + np.bincount(two, minlength=len(crowd))
+    contacts = np.bincount(np.concatenate([one, two]), minlength=len(crowd))
     stiffness = np.einsum('ij,ij->i', row_one, by_one) * contacts[one]
     stiffness[:pairs] += np.einsum('ij,ij->i', row_two, by_two) * contacts[two]
     compliance = np.where(stiffness > 0.0, 1.0 / np.where(stiffness > 0.0, stiffness, 1.0), 0.0)
-
-    def solved(speed: np.ndarray, least: np.ndarray) -> np.ndarray:
-        """Return impulses that are not negative, after which no speed is below the least."""
-        impulse = np.zeros(len(speed))
-        for _ in range(ROUNDS):
-            missing = least - speed - coupling @ impulse
-            impulse = np.maximum(impulse + compliance * missing, 0.0)
-        return impulse
-
-    before = felt @ twist.ravel()
-    least = -np.maximum(room, 0.0) / h
-    impulse = solved(before, least)
-    if impulse[:pairs].any():
-        fast = np.clip(-before[:pairs] / meeting.settling(gravity) - contact.SETTLED, 0.0, 1.0)
-        back = np.where(
-            impulse[:pairs] > 0.0, meeting.springiness * fast * -before[:pairs], least[:pairs]
-        )
-        rebounding = solved(
-            before, np.concatenate([np.maximum(back, least[:pairs]), least[pairs:]])
-        )
-        gained = rebounding @ (before + 0.5 * (coupling @ rebounding))
-        # rebounds that go through a whole pile at once could give more than there was
-        impulse = rebounding if gained <= 0.0 else impulse
-    retreat = solved(np.zeros(len(room)), RETREAT * np.maximum(-room, 0.0))
-    from_obstacles = impulse[pairs:, None] * row_standing
-    return Stops(
-        twist=(caused @ impulse).reshape(-1, 6),
-        retreat=(caused @ retreat).reshape(-1, 6),
-        impulse=impulse[:pairs][meeting.pair] * meeting.share,
-        from_obstacles=summed(from_obstacles, standing, len(crowd)).reshape(-1, 2, 3),
-    )
+    room = np.concatenate([DEEPEST * meeting.scale - meeting.depth, room_standing])
+    return Heap(room, felt, caused, felt @ caused, compliance, standing, row_standing)
 
 
 def no_stops(meeting: Meeting) -> Stops:
