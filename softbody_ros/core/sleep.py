@@ -107,10 +107,32 @@ def lying(
     return on_something
 
 
+def stirred(low: np.ndarray, high: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
+    """
+    Return which bodies moving obstacles are at or come to soon, (C,) bool.
+
+    Parameters
+    ----------
+    low, high : (C, 3) float
+        corners of boxes around the bodies, m
+    obstacles : sequence of Obstacle
+
+    """
+    result = np.zeros(len(low), dtype=bool)
+    for obstacle in obstacles:
+        if obstacle.moves:
+            gap = np.maximum(low - obstacle.position, obstacle.position - high)
+            distance = np.linalg.norm(np.maximum(gap, 0.0), axis=1)
+            speed = np.linalg.norm(obstacle.config.velocity_linear)
+            result |= distance <= obstacle.radius + speed * WATCH
+    return result
+
+
 def fall_asleep(
     watched: Sequence[Stillness],
     way: np.ndarray,
     lies: np.ndarray,
+    stirs: np.ndarray,
     neighbours: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """
@@ -121,8 +143,8 @@ def fall_asleep(
     watched : sequence of Stillness
     way : (C,) float
         of all bodies of all of them, see `look`
-    lies : (C,) bool
-        see `lying`
+    lies, stirs : (C,) bool
+        see `lying` and `stirred`
     neighbours : (p,) int, (p,) int
         bodies that may touch each other
 
@@ -130,7 +152,7 @@ def fall_asleep(
     heap = heaps(len(way), *neighbours)
     size = np.bincount(heap)
     moves, held = np.zeros(len(size), dtype=bool), np.zeros(len(size), dtype=bool)
-    moves[heap[way >= np.where(size[heap] > 1, QUIET_IN_HEAP, QUIET)]] = True
+    moves[heap[stirs | (way >= np.where(size[heap] > 1, QUIET_IN_HEAP, QUIET))]] = True
     held[heap[lies]] = True
     # who has just come to the others has to be still for as long as they
     least = np.full(len(size), QUIET_LOOKS)
@@ -141,14 +163,14 @@ def fall_asleep(
 
 
 def wake_neighbours(
-    watched: Sequence[Stillness], neighbours: tuple[np.ndarray, np.ndarray]
+    watched: Sequence[Stillness], stirs: np.ndarray, neighbours: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """Wake the bodies of heaps in which one is awake, in place."""
+    """Wake the bodies of heaps in which one is awake, or stirred (C,) bool, in place."""
     awake = np.concatenate([each.awake for each in watched])
     heap = heaps(len(awake), *neighbours)
-    stirred = np.zeros(heap.max() + 1, dtype=bool)
-    stirred[heap[awake]] = True
-    for each, part in zip(watched, _parted(stirred[heap] & ~awake, watched), strict=True):
+    wakes = np.zeros(heap.max() + 1, dtype=bool)
+    wakes[heap[awake | stirs]] = True
+    for each, part in zip(watched, _parted(wakes[heap] & ~awake, watched), strict=True):
         each.quiet_looks[part] = 0
 
 

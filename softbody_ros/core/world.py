@@ -225,42 +225,48 @@ class World:
 
     def _watch(self) -> None:
         """Look which bodies have come to rest: those get zero velocities."""
-        there = self._obstacles + self._outside.obstacles
-        awake = any(watched.awake.any() for watched in self._watched)
-        # bodies fall asleep on what stands still only
-        if not awake or any(obstacle.moves for obstacle in there):
+        if not any(watched.awake.any() for watched in self._watched):
             return
+        there, points = self._obstacles + self._outside.obstacles, self._outside.points
+        still = [obstacle for obstacle in there if not obstacle.moves]
         way, lies = [], []
         for batch, watched, gains, pinned in zip(
             self._batches, self._watched, self._gains, self._pinned, strict=True
         ):
             way.append(sleep.look(watched, batch.x, batch.rest))
-            lies.append(
-                sleep.lying(batch.x, batch.rest, gains, there, self._outside.points, pinned)
-            )
-        neighbours = self._neighbours()
-        sleep.fall_asleep(self._watched, np.concatenate(way), np.concatenate(lies), neighbours)
+            lies.append(sleep.lying(batch.x, batch.rest, gains, still, points, pinned))
+        low, high = self._boxes()
+        sleep.fall_asleep(
+            self._watched,
+            np.concatenate(way),
+            np.concatenate(lies),
+            sleep.stirred(low, high, there),
+            boxes.overlapping(low, high),
+        )
         for batch, watched, pinned in zip(self._batches, self._watched, self._pinned, strict=True):
             batch.v[~watched.awake] = 0.0
             resting = np.setdiff1d(np.flatnonzero(~watched.awake), list(pinned))
             batch.reaction[resting] = -np.stack([self.gravity, np.zeros(3)])
 
-    def _neighbours(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pairs of bodies, numbered batch by batch, whose boxes overlap."""
-        if len(self._place) < 2:
-            return np.zeros(0, np.int64), np.zeros(0, np.int64)
-        low, high = [], []
+    def _wake_neighbours(self) -> None:
+        """Wake sleepers that something comes near to: those who are awake, moving obstacles."""
+        if all(watched.awake.all() for watched in self._watched):
+            return
+        there = self._obstacles + self._outside.obstacles
+        moving = any(obstacle.moves for obstacle in there)
+        if moving or any(watched.awake.any() for watched in self._watched):
+            low, high = self._boxes()
+            neighbours = boxes.overlapping(low, high)
+            sleep.wake_neighbours(self._watched, sleep.stirred(low, high, there), neighbours)
+
+    def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return corners (C, 3) of boxes around all bodies, batch by batch, m."""
+        corners = []
         for batch, gains in zip(self._batches, self._gains, strict=True):
             reach = (gains.thickness + sleep.QUIET * batch.rest.scale)[:, None]
-            low.append(batch.x.min(axis=2) - reach)
-            high.append(batch.x.max(axis=2) + reach)
-        return boxes.overlapping(np.concatenate(low), np.concatenate(high))
-
-    def _wake_neighbours(self) -> None:
-        """Wake sleepers that those who are awake come near to."""
-        sleepers = any(not watched.awake.all() for watched in self._watched)
-        if sleepers and any(watched.awake.any() for watched in self._watched):
-            sleep.wake_neighbours(self._watched, self._neighbours())
+            corners.append((batch.x.min(axis=2) - reach, batch.x.max(axis=2) + reach))
+        low, high = zip(*corners, strict=True)
+        return np.concatenate(low), np.concatenate(high)
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
