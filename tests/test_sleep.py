@@ -111,6 +111,45 @@ def test_a_moving_obstacle_keeps_awake_and_carries_along():
     assert centre(world)[0] - before > 0.3
 
 
+@pytest.mark.parametrize('speed', [0.5, 20.0])
+def test_a_moving_obstacle_wakes_only_what_it_comes_to(speed):
+    finger = ObstacleConfig(
+        name='finger',
+        type='sphere',
+        size=(0.05,) * 3,
+        position=(-0.6 - 3.8 * speed, 0.0, 0.5),
+        velocity_linear=(speed, 0.0, 0.0),
+    )
+    near = body('box', name='near', position=(0.0, 0.0, 0.52))
+    far = body('box', name='far', position=(0.0, 9.0, 0.52))
+    world = World(
+        WorldConfig(bodies=(near, far), obstacles=(ObstacleConfig(name='ground'), finger))
+    )
+    world.step(round(3.5 * 240))
+    assert world.is_asleep('near') and world.is_asleep('far')
+    world.step(240)
+    assert not world.is_asleep('near')
+    assert centre(world, 'near')[0] > 0.05
+    assert world.is_asleep('far')
+
+
+def test_bodies_on_each_other_fall_asleep_together_and_wake_each_other():
+    low = body('box', name='low', position=(0.0, 0.0, 0.52), friction=0.5)
+    high = body('box', name='high', position=(0.0, 0.0, 1.55), friction=0.5)
+    world = World(WorldConfig(bodies=(low, high)))
+    slept = []
+    for _ in range(200):
+        world.step(24)
+        slept.append((world.is_asleep('low'), world.is_asleep('high')))
+        if slept[-1][1]:
+            break
+    assert set(slept[:-1]) == {(False, False)} and slept[-1] == (True, True)
+    kicked = dataclasses.replace(high, initial_velocity_linear=(0.0, 0.0, 1.0), stiffness=0.4)
+    world.configure(dataclasses.replace(world.config, bodies=(low, kicked)))
+    world.step()
+    assert not world.is_asleep('low') and not world.is_asleep('high')
+
+
 def test_sleep_is_part_of_a_snapshot():
     world = lying()
     world.step(7)
