@@ -24,11 +24,13 @@ from softbody_ros.core.grip import Pushes, collide
 from softbody_ros.core.meeting import Meeting, between, make_meeting, summed
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.point_obstacles import NO_POINTS, PointObstacles
+from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.skin import Skin
 from softbody_ros.core.stops import stopped_bodies
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.touch import Touches
 
+ROUNDING = 1e-12
 LEAST_GRIP = 0.1
 """Support, as the sum of squared cosines, below which a load is not divided any further."""
 
@@ -56,7 +58,7 @@ def meet(
     if touching is None:
         return
     crowd, tick = touching[0], flights[0].tick
-    meeting = make_meeting(*touching)
+    meeting, energy = make_meeting(*touching), crowd.kinetic_energy()
     carried = carried_weight(meeting, tick.gravity, tick.h)
     lift = meeting.twist_by(carried)
     stops = stopped_bodies(meeting, crowd.twist + lift, obstacles, tick.gravity, tick.h)
@@ -72,6 +74,8 @@ def meet(
     impulses = along[:, None] * meeting.normal + pushes.friction
     impulses += pushes.normal[:, None] * meeting.normal
     part(meeting, impulses, stops.from_obstacles, pressed=lift[:, :3] / tick.h)
+    if not crowd.twist[~np.isfinite(crowd.mass)].any():
+        calm(crowd, energy)
 
 
 # -------------------------------------------------------------------------------------- detection
@@ -199,11 +203,12 @@ def loads(meeting: Meeting, gravity: np.ndarray) -> np.ndarray:
     cosine = -(normal @ down) / np.where(length > 0.0, length, 1.0)
     upper, lower = np.where(cosine > 0.0, (one, two), (two, one))
     cosine = np.abs(cosine)
-    heavy = meeting.apart & (crowd.body_lightness[upper] > 0.0)
+    # pins bear the weight of what hangs on them
+    free = np.isfinite(crowd.mass) & ~crowd.pinned
+    heavy = meeting.apart & free[upper]
     grip = np.maximum(np.bincount(upper, cosine**2, len(crowd)), LEAST_GRIP)
     share = np.where(heavy, cosine / grip[upper], 0.0).tolist()
-    with np.errstate(divide='ignore'):
-        weight = (magnitude / crowd.body_lightness).tolist()
+    weight = (magnitude * np.where(free, crowd.mass, 0.0)).tolist()
     handed_on = cosine.tolist()
     # plain numbers: one after the other, this is faster than arrays
     above, below = upper.tolist(), lower.tolist()
@@ -258,7 +263,7 @@ def part(
     total -= summed(both, meeting.two[meeting.pair], count)
     turning = total[:, 3:] - rigid_motion.cross(crowd.centre, total[:, :3])
     received = np.stack([total[:, :3], turning], axis=1) + from_obstacles
-    received *= crowd.body_lightness[:, None, None]
+    received /= crowd.mass[:, None, None]
     velocity = crowd.twist[:, :3] + received[:, 0]
     # angular momentum about the old centre of mass; of the way to the new one see below
     spin = crowd.spin + received[:, 1]
@@ -269,17 +274,44 @@ def part(
         source.put(flight.particles.v, crowd.v[first:last])
         x, v, rest = flight.particles.x[rows], flight.particles.v[rows], flight.tick.rest
         centre = weighted(x, rest.weights)
-        about = spin[own] - rigid_motion.cross(centre - crowd.centre[own], velocity[own])
         now = rigid_motion.rigid_motion(x, v, centre, rest)
+        about = spin[own] - rigid_motion.cross(centre - crowd.centre[own], velocity[own])
+        # pins change the momentum as they like
+        held = crowd.pinned[own, None]
+        wanted = np.where(held, now.velocity, velocity[own])
+        about = np.where(held, now.spin, about)
         turn = rigid_motion.applied(now.inverse_inertia, about - now.spin)
-        v += rigid_motion.field(x, centre, velocity[own] - now.velocity, turn)
+        v += rigid_motion.field(x, centre, wanted - now.velocity, turn)
         flight.particles.v[rows] = v
-        motion = flight.motion
-        motion.centre[rows], motion.velocity[rows], motion.spin[rows] = (
-            centre,
-            velocity[own],
-            about,
-        )
-        motion.inverse_inertia[rows] = now.inverse_inertia
+        flight.motion.take(rows, RigidMotion(centre, wanted, about, now.inverse_inertia))
         flight.particles.received[rows] += received[own]
         flight.particles.pressed[rows] += pressed[own]
+
+
+def calm(crowd: Crowd, energy: float) -> None:
+    """
+    Take from the deformation what kinetic energy, J, bodies have more than before they met.
+
+    Moving particles out of each other changes the inertia under the angular momentum.
+    """
+    rigid_energy, total = 0.0, 0.0
+    for source in crowd.sources:
+        rows, flight, rest = source.rows, source.flight, source.flight.tick.rest
+        mass, motion = crowd.mass[source.bodies], flight.motion
+        v = flight.particles.v[rows]
+        total += 0.5 * mass @ weighted(np.einsum('bij,bij->bj', v, v), rest.weights)
+        square = np.einsum('bi,bi->b', motion.velocity[rows], motion.velocity[rows])
+        square += np.einsum('bi,bi->b', motion.spin[rows], motion.angular_velocity[rows])
+        rigid_energy += 0.5 * mass @ square
+    if total <= energy * (1.0 + ROUNDING):
+        return
+    kept = np.sqrt(np.clip((energy - rigid_energy) / (total - rigid_energy), 0.0, 1.0))
+    for source in crowd.sources:
+        rows, particles, motion = source.rows, source.flight.particles, source.flight.motion
+        rigid = rigid_motion.field(
+            particles.x[rows],
+            motion.centre[rows],
+            motion.velocity[rows],
+            motion.angular_velocity[rows],
+        )
+        particles.v[rows] = rigid + kept * (particles.v[rows] - rigid)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -108,8 +109,11 @@ class Crowd:
         where the particles were at the tick before, and where they want to be, m
     lightness : (N,) float
         of the particles: 1 / mass, 1/kg
-    body_lightness : (C,) float
-        of the bodies, 1/kg
+    mass : (C,) float
+        of the bodies, kg; infinite for what does not give way
+    mobility : (C, 6, 6) float
+        what an impulse and a turning impulse do to the twist, as far as pins allow, 1/kg …
+    pinned : (C,) bool
     rigid, elasticity, bounciness, friction, coulomb, thickness, scale : (C,)
         of the bodies, see `Gains` and `RestShape`
     centre : (C, 3) float
@@ -132,7 +136,9 @@ class Crowd:
     start: np.ndarray
     goals: np.ndarray
     lightness: np.ndarray
-    body_lightness: np.ndarray
+    mass: np.ndarray
+    mobility: np.ndarray
+    pinned: np.ndarray
     rigid: np.ndarray
     elasticity: np.ndarray
     bounciness: np.ndarray
@@ -146,20 +152,23 @@ class Crowd:
     inverse_inertia: np.ndarray
 
     def __len__(self) -> int:
-        return len(self.body_lightness)
+        return len(self.mass)
+
+    @cached_property
+    def body_lightness(self) -> np.ndarray:
+        """(C,) float: of the bodies as wholes, 1/kg; none of one that pins do not let move."""
+        return np.einsum('cii->c', self.mobility[:, :3, :3]) / 3.0
+
+    def kinetic_energy(self) -> float:
+        """Return that of all particles that give way, J."""
+        weight = 1.0 / np.where(self.lightness > 0.0, self.lightness, np.inf)
+        return 0.5 * float(weight @ np.einsum('ij,ij->i', self.v, self.v))
 
     def field(self, twist: np.ndarray, particle: np.ndarray | slice = ALL) -> np.ndarray:
         """Return the velocities (n, 3) that rigid motions (C, 6) give to particles."""
         body = self.body[particle]
         offset = twist[:, :3] - rigid_motion.cross(twist[:, 3:], self.centre)
         return offset[body] + rigid_motion.cross(twist[body, 3:], self.x[particle])
-
-    def mobility(self) -> np.ndarray:
-        """Return (C, 6, 6): what an impulse and a turning impulse do to the twist, 1/kg …."""
-        result = np.zeros((len(self), 6, 6))
-        result[:, [0, 1, 2], [0, 1, 2]] = self.body_lightness[:, None]
-        result[:, 3:, 3:] = self.body_lightness[:, None, None] * self.inverse_inertia
-        return result
 
 
 def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> Crowd:
@@ -198,7 +207,7 @@ def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> C
         for each, count in zip(sources, bodies, strict=True)
     ]
     shares = np.concatenate([*weights, *(np.ones(len(each)) for each in points)])
-    lightness = 1.0 / of_gains('mass', np.inf)
+    mass = of_gains('mass', np.inf)
     first_fixed = sum(bodies)
     centre, spin = of_motion('centre'), of_motion('spin')
     inverse_inertia = of_motion('inverse_inertia')
@@ -219,8 +228,15 @@ def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> C
         goals=np.concatenate(
             [*(each.listed(each.flight.match.goals[1]) for each in sources), *points]
         ),
-        lightness=lightness[body] / shares,
-        body_lightness=lightness,
+        lightness=1.0 / (mass[body] * shares),
+        mass=mass,
+        mobility=_mobility(sources, centre, inverse_inertia / mass[:, None, None], 1.0 / mass),
+        pinned=np.concatenate(
+            [
+                *(np.isin(each.rows, list(each.flight.pinned)) for each in sources),
+                np.zeros(len(fixed), dtype=bool),
+            ]
+        ),
         rigid=of_gains('rigid', True),
         elasticity=of_gains('elasticity', np.nan),
         bounciness=of_gains('bounciness', np.nan),
@@ -238,3 +254,19 @@ def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> C
         spin=spin,
         inverse_inertia=inverse_inertia,
     )
+
+
+def _mobility(
+    sources: Sequence[Source], centre: np.ndarray, turning: np.ndarray, lightness: np.ndarray
+) -> np.ndarray:
+    """Return the mobilities (C, 6, 6) of bodies: where they hang on pins, of what is left free."""
+    mobility = np.zeros((len(centre), 6, 6))
+    mobility[:, [0, 1, 2], [0, 1, 2]] = lightness[:, None]
+    mobility[:, 3:, 3:] = turning
+    for source in sources:
+        for number, row in enumerate(source.rows.tolist(), source.first):
+            pins = source.flight.pinned.get(row)
+            if pins is not None:
+                places = source.flight.particles.x[row][:, pins.particle].T - centre[number]
+                mobility[number] = pins.left_free(mobility[number], places)
+    return mobility

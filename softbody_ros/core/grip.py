@@ -18,6 +18,8 @@ from softbody_ros.core import rigid_motion
 from softbody_ros.core.meeting import Meeting, between, summed
 
 SOFT_ROUNDS, RIGID_ROUNDS, FRICTION_ROUNDS, PUSH_OUT_ROUNDS = 4, 16, 4, 4
+LARGEST_MOVE = 0.3
+"""How far, in RMS radii, what is deep in each other is moved apart in a tick."""
 STICKING = 0.5
 """Share of the way that full friction takes back in a tick; with all of it heaps begin to sway."""
 
@@ -77,6 +79,10 @@ def _pushes(meeting: Meeting, grip: Grip, velocity: np.ndarray, slow: float) -> 
     for _ in range(RIGID_ROUNDS if grip.some_rigid else SOFT_ROUNDS):
         now = speed + grip.along_normals(grip.spread(push[:, None] * touches.normal))
         push = np.maximum(push + (wanted - now) / grip.stiffness, 0.0)
+    gained = speed + 0.5 * grip.along_normals(grip.spread(push[:, None] * touches.normal))
+    if wanted.any() and push @ gained > 0.0:
+        # rebounds at many places at once could give more than there was
+        push *= -(push @ speed) / (push @ (gained - speed)) / 2.0
     return push
 
 
@@ -105,7 +111,8 @@ def _moves(meeting: Meeting, grip: Grip, shift: np.ndarray, rubbed: np.ndarray) 
     Friction takes back some of the way, too: what sticks hardly creeps.
     """
     crowd, touches = meeting.crowd, meeting.touches
-    depth = touches.depth - grip.along_normals(shift)
+    farthest = LARGEST_MOVE * np.minimum(crowd.scale[touches.body], crowd.scale[touches.other])
+    depth = np.minimum(touches.depth - grip.along_normals(shift), farthest)
     way = crowd.x[grip.particle] - crowd.start[grip.particle]
     kept = (1.0 - STICKING * rubbed) * grip.tangential(way)
     out, back = np.zeros(len(touches)), np.zeros_like(kept)
@@ -156,7 +163,7 @@ class Grip:
         if self.some_rigid:
             sides = (touches.body, touches.other)
             touched = np.bincount(np.concatenate(sides), minlength=len(crowd))
-            self._rigid_mobility = meeting.mobility * crowd.rigid[:, None, None]
+            self._rigid_mobility = meeting.crowd.mobility * crowd.rigid[:, None, None]
             counted = self._rigid_mobility * touched[:, None, None]
             self._counted_mobility = [counted[body] for body in sides]
             self._arms = [meeting.point - crowd.centre[body] for body in sides]

@@ -13,6 +13,9 @@ from softbody_ros.core import contact, rigid_motion
 from softbody_ros.core.crowd import Crowd
 from softbody_ros.core.touch import Touches
 
+HELD = 1e-6
+"""Share of its mobility that a body counts with when pins hold it altogether."""
+
 
 @dataclass(frozen=True)
 class Meeting:
@@ -57,20 +60,16 @@ class Meeting:
         return np.hstack([self.normal, rigid_motion.cross(arms, self.normal)])
 
     @cached_property
-    def mobility(self) -> np.ndarray:
-        """(C, 6, 6) float: see `Crowd`."""
-        return self.crowd.mobility()
-
-    @cached_property
     def apart(self) -> np.ndarray:
         """(p,) bool: whether they are two bodies."""
         return self.one != self.two
 
     @cached_property
     def reduced_mass(self) -> np.ndarray:
-        """(p,) float: of the two bodies, kg."""
+        """(p,) float: of the two bodies, kg; very large where none of them can move."""
         lightness = self.crowd.body_lightness
-        return 1.0 / (lightness[self.one] + lightness[self.two])
+        least = HELD / np.minimum(self.crowd.mass[self.one], self.crowd.mass[self.two])
+        return 1.0 / np.maximum(lightness[self.one] + lightness[self.two], least)
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -129,7 +128,7 @@ class Meeting:
         count = len(self.crowd)
         total = summed(self.sums(impulse[:, None] * row_one), self.one, count)
         total -= summed(self.sums(impulse[:, None] * row_two), self.two, count)
-        return rigid_motion.applied(self.mobility, total)
+        return rigid_motion.applied(self.crowd.mobility, total)
 
 
 def make_meeting(crowd: Crowd, touches: Touches) -> Meeting:

@@ -63,6 +63,30 @@ class Pins:
         """Whether the pins are moved."""
         return bool(self.linear.any() or self.angular.any())
 
+    def left_free(self, mobility: np.ndarray, arms: np.ndarray) -> np.ndarray:
+        """
+        Return what pins leave of the mobility of a body as a whole.
+
+        Parameters
+        ----------
+        mobility : (6, 6) float
+            of the free body: from impulses to its twist
+        arms : (m, 3) float
+            of the pinned particles from its centre of mass, m
+
+        Returns
+        -------
+        (6, 6) float
+
+        """
+        turns = np.cross(np.eye(3), arms[:, None, :]).transpose(0, 2, 1)
+        moves = np.broadcast_to(np.eye(3), turns.shape)
+        values, vectors = np.linalg.eigh(mobility)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        felt = np.concatenate([moves, turns], axis=2).reshape(-1, 6) @ root
+        _, free = pseudo_inverse(felt.T @ felt)
+        return root @ free @ root.T
+
 
 def make_pins(body: BodyConfig, rest: RestShape, before: Pins | None = None) -> Pins | None:
     """

@@ -47,6 +47,11 @@ class RigidMotion:
         """(B, 3) float: rad/s."""
         return applied(self.inverse_inertia, self.spin)
 
+    def take(self, rows: np.ndarray, other: RigidMotion) -> None:
+        """Let some bodies, given as indices, have the motions of others, in place."""
+        self.centre[rows], self.velocity[rows] = other.centre, other.velocity
+        self.spin[rows], self.inverse_inertia[rows] = other.spin, other.inverse_inertia
+
 
 def momentum(
     x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape

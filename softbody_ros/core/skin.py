@@ -34,6 +34,8 @@ class Skin:
     piece_of_face : (m,) int
     covered, covered_first : (c,), (P,) int
         particles of each piece and at corners of its faces, and where each piece begins
+    normals : (n, 3) float
+        of the surface at the particles in `order`, in the rest shape; zero for one without faces
     strangers : (P, P) bool
         pieces of one body that may touch each other: no particle belongs to both, nor has a face
         of both
@@ -47,6 +49,7 @@ class Skin:
     piece_of_face: np.ndarray
     covered: np.ndarray
     covered_first: np.ndarray
+    normals: np.ndarray
     strangers: np.ndarray
 
     @property
@@ -96,5 +99,22 @@ def make_skin(rest: RestShape, regions: Regions | None) -> Skin:
         piece_of_face=piece_of_face,
         covered=covered,
         covered_first=np.searchsorted(piece, np.arange(pieces)),
+        normals=_normals(rest)[order],
         strangers=strangers,
     )
+
+
+def _normals(rest: RestShape) -> np.ndarray:
+    """Return the normals (n, 3) of the surface at the particles: means of those of the faces."""
+    vertices, faces = rest.surface.vertices, rest.surface.faces
+    a, b, c = vertices[faces.T]
+    double_area = np.cross(b - a, c - a)
+    total = np.stack(
+        [
+            np.bincount(faces.ravel(), np.repeat(axis, 3), rest.particle_count)
+            for axis in double_area.T
+        ],
+        axis=1,
+    )
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0.0, length, 1.0)

@@ -79,6 +79,7 @@ def lying(
     obstacles: Sequence[Obstacle],
     points: PointObstacles,
     pinned: Mapping[int, Pins],
+    fall: float,
 ) -> np.ndarray:
     """
     Return which bodies lie on something that does not move, (B,) bool.
@@ -93,9 +94,11 @@ def lying(
     points : PointObstacles
     pinned : mapping of int to Pins
         by row
+    fall : float
+        way that gravity leads to in a tick, m: so high above the ground a body may be held
 
     """
-    reach = gains.thickness + QUIET * rest.scale
+    reach = gains.thickness + QUIET * rest.scale + fall
     on_something = np.zeros(len(x), dtype=bool)
     for obstacle in obstacles:
         on_something[contact.find(x, obstacle, reach).body] = True

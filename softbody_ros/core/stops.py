@@ -26,6 +26,8 @@ DEEPEST = 0.1
 RETREAT = 0.2
 """Share of what is deeper by which they move apart in a tick."""
 ROUNDS = 20
+LEAST_STIFFNESS = 0.01
+"""Share of its mobility that a body must have along the mean normal of what it touches."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def stopped_bodies(
     if (enough | ~meeting.apart).all():
         return no_stops(meeting)
     heap = make_heap(meeting, obstacles)
-    before = heap.felt @ twist.ravel()
+    before = heap.felt @ twist.ravel() - heap.carried_along
     least = -np.maximum(heap.room, 0.0) / h
     impulse = heap.solved(least - before)
     retreat = heap.solved(RETREAT * np.maximum(-heap.room, 0.0))
@@ -123,6 +125,8 @@ class Heap:
         bodies on obstacles
     row_standing : (s, 6) float
         what their twists do along the normals
+    carried_along : (q,) float
+        speeds along the normals of the obstacles, m/s
 
     """
 
@@ -133,6 +137,7 @@ class Heap:
     compliance: np.ndarray
     standing: np.ndarray
     row_standing: np.ndarray
+    carried_along: np.ndarray
 
     def solved(self, missing: np.ndarray) -> np.ndarray:
         """Return impulses that are not negative, after which no speed is missing, (q,)."""
@@ -156,9 +161,9 @@ class Heap:
 
 def make_heap(meeting: Meeting, obstacles: Sequence[Obstacle]) -> Heap:
     """Return the constraints between the bodies of a meeting, and the obstacles they stand on."""
-    crowd, mobility, pairs = meeting.crowd, meeting.mobility, len(meeting.one)
+    crowd, mobility, pairs = meeting.crowd, meeting.crowd.mobility, len(meeting.one)
     share = np.where(meeting.apart[meeting.pair], meeting.share, 0.0)[:, None]
-    standing, row_standing, room_standing = _standing(crowd, obstacles)
+    standing, row_standing, room_standing, speed = _standing(crowd, obstacles)
     row_one = np.concatenate([meeting.sums(share * meeting.rows[0]), row_standing])
     row_two = meeting.sums(share * meeting.rows[1])
     one, two = np.concatenate([meeting.one, standing]), meeting.two
@@ -170,9 +175,16 @@ def make_heap(meeting: Meeting, obstacles: Sequence[Obstacle]) -> Heap:
     contacts = np.bincount(np.concatenate([one, two]), minlength=len(crowd))
     stiffness = np.einsum('ij,ij->i', row_one, by_one) * contacts[one]
     stiffness[:pairs] += np.einsum('ij,ij->i', row_two, by_two) * contacts[two]
-    compliance = np.where(stiffness > 0.0, 1.0 / np.where(stiffness > 0.0, stiffness, 1.0), 0.0)
+    # where normals point all ways there is no way out for bodies as wholes
+    least = LEAST_STIFFNESS * crowd.body_lightness * contacts
+    able = stiffness > np.maximum(
+        least[one], np.concatenate([least[two], np.zeros(len(standing))])
+    )
+    compliance = np.where(able, 1.0 / np.where(able, stiffness, 1.0), 0.0)
     room = np.concatenate([DEEPEST * meeting.scale - meeting.depth, room_standing])
-    return Heap(room, felt, caused, felt @ caused, compliance, standing, row_standing)
+    carried_along = np.concatenate([np.zeros(pairs), speed])
+    coupling = felt @ caused
+    return Heap(room, felt, caused, coupling, compliance, standing, row_standing, carried_along)
 
 
 def no_stops(meeting: Meeting) -> Stops:
@@ -196,9 +208,14 @@ def _by_body(
 
 def _standing(
     crowd: Crowd, obstacles: Sequence[Obstacle]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which bodies stand on obstacles (q,), their rows (q, 6), the room left (q,), m."""
-    body, rows, room = [np.zeros(0, np.int64)], [np.zeros((0, 6))], [np.zeros(0)]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return which bodies stand on obstacles (s,), their rows (s, 6), and the room left (s,), m.
+
+    And the speeds (s,) of the obstacles along the normals, m/s.
+    """
+    body, rows = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
+    room, speed = [np.zeros(0)], [np.zeros(0)]
     for source in crowd.sources:
         flight, tick = source.flight, source.flight.tick
         x, bodies = flight.particles.x, len(flight.batch.x)
@@ -217,4 +234,6 @@ def _standing(
             body.append(source.first + np.searchsorted(source.rows, touching))
             rows.append(summed(row, contacts.body, bodies)[touching])
             room.append((DEEPEST * tick.rest.scale - patch.mean(sunk))[touching])
-    return np.concatenate(body), np.concatenate(rows), np.concatenate(room)
+            along = np.einsum('ij,ij->i', contacts.surface_velocity, contacts.normal)
+            speed.append(patch.mean(along)[touching])
+    return tuple(np.concatenate(parts) for parts in (body, rows, room, speed))  # type: ignore

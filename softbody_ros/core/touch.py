@@ -25,6 +25,9 @@ SLACK = 1e-6
 """Width around boxes, in RMS radii: what lies flush with another touches it."""
 INTO_ITSELF = 0.02
 """Share of the way to its own body's centre by which a particle is looked up inwards."""
+DEEP, SAME_WAY, TO_CENTRE = 0.01, 0.3, 0.9
+"""A particle this deep, in RMS radii, whose own surface looks the same way as the face (cosine),
+is on its way through: it has to leave on the side of its own body's centre."""
 
 
 def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, number: np.ndarray) -> Boxes:
@@ -177,24 +180,39 @@ def _ranges(crowd: Crowd, found: Boxes, box: np.ndarray) -> tuple[np.ndarray, np
 def _inside_faces(
     crowd: Crowd, source: Source, found: Boxes, particle: np.ndarray, box: np.ndarray
 ) -> Touches:
-    """Return which particles of the crowd are inside faces of pieces of one source's bodies."""
+    """
+    Return which particles of the crowd are inside faces of pieces of one source's bodies.
+
+    The nearest face is looked up a little inwards: corners of equal boxes on each other lie on the
+    edge between two faces.
+    """
     skin = source.skin
     body, other, piece = crowd.body[particle], found.body[box], found.piece[box]
     points = crowd.x[particle]
-    # the corners of equal boxes on each other lie on the edge between two faces: look inwards
-    aim = points + INTO_ITSELF * (crowd.centre[body] - points)
-    face = skin.table.nearest(_in_rest_shape(aim, source, other - source.first, piece))
-    over = face >= 0
-    if skin.pieces > 1:
-        over &= skin.piece_of_face[face] == piece
-    thickness = crowd.thickness[body] + crowd.thickness[other]
-
-    kept = np.flatnonzero(over)
-    particle, body, other, points, face, thickness = (
-        each[kept] for each in (particle, body, other, points, face, thickness)
+    gives_way = np.isfinite(crowd.mass[body])[:, None]
+    inwards = np.where(gives_way, crowd.centre[body] - points, 0.0)
+    face = _nearest_face(points + INTO_ITSELF * inwards, source, other, piece)
+    kept = np.flatnonzero(face >= 0)
+    particle, body, other, piece, points, inwards, face = (
+        each[kept] for each in (particle, body, other, piece, points, inwards, face)
     )
+    thickness = crowd.thickness[body] + crowd.thickness[other]
     corners = skin.corners[face] + crowd.first[other][:, None]
     height, normal, share = over_triangles(points, crowd.x[corners.T])
+
+    if skin.pieces == 1:
+        outwards = _normals(crowd, particle, body)
+        through = np.einsum('ij,ij->i', outwards, normal) > SAME_WAY
+        through &= (height < thickness) & (height < -DEEP * skin.rest.scale)
+        through = np.flatnonzero(through)
+        aim = points[through] + TO_CENTRE * inwards[through]
+        face = _nearest_face(aim, source, other[through], piece[through])
+        through, face = through[face >= 0], face[face >= 0]
+        corners[through] = skin.corners[face] + crowd.first[other[through]][:, None]
+        height[through], normal[through], share[through] = over_triangles(
+            points[through], crowd.x[corners[through].T]
+        )
+
     touching = np.flatnonzero(height < thickness)
     depth = thickness - height
     return Touches(
@@ -203,6 +221,30 @@ def _inside_faces(
             for each in (particle, corners, share, normal, thickness, depth, body, other)
         )
     )
+
+
+def _normals(crowd: Crowd, particle: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Return the normals (k, 3) of their own bodies at particles, about; zero if not known."""
+    result = np.zeros((len(particle), 3))
+    for index, source in enumerate(crowd.sources):
+        mine = np.flatnonzero(crowd.source[body] == index)
+        if source.skin.pieces == 1 and len(mine):
+            row = source.rows[body[mine] - source.first]
+            rest_normal = source.skin.normals[particle[mine] - crowd.first[body[mine]]]
+            posture = source.flight.match.posture[row, 0]
+            result[mine] = rigid_motion.applied(posture, rest_normal)
+    return result
+
+
+def _nearest_face(
+    points: np.ndarray, source: Source, body: np.ndarray, piece: np.ndarray
+) -> np.ndarray:
+    """Return the face (k,) of pieces of a source's bodies that is about nearest, −1 if none is."""
+    skin, row = source.skin, body - source.first
+    face = skin.table.nearest(_in_rest_shape(points, source, row, piece))
+    if skin.pieces > 1:
+        face = np.where(skin.piece_of_face[face] == piece, face, -1)
+    return face
 
 
 def _in_rest_shape(

@@ -229,12 +229,13 @@ class World:
             return
         there, points = self._obstacles + self._outside.obstacles, self._outside.points
         still = [obstacle for obstacle in there if not obstacle.moves]
+        fall = 0.5 * float(np.linalg.norm(self.gravity)) * self.config.time_step**2
         way, lies = [], []
         for batch, watched, gains, pinned in zip(
             self._batches, self._watched, self._gains, self._pinned, strict=True
         ):
             way.append(sleep.look(watched, batch.x, batch.rest))
-            lies.append(sleep.lying(batch.x, batch.rest, gains, still, points, pinned))
+            lies.append(sleep.lying(batch.x, batch.rest, gains, still, points, pinned, fall))
         low, high = self._boxes()
         sleep.fall_asleep(
             self._watched,
