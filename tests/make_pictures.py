@@ -29,7 +29,7 @@ from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surf
 PICTURES = pathlib.Path(__file__).parent.parent / 'resource'
 GROUND = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
 FLOOR = np.array([0.93, 0.92, 0.9])
-GREY = np.array([0.72, 0.75, 0.8])
+GREY = np.array([0.8, 0.82, 0.86])
 ORANGE = np.array([0.93, 0.48, 0.2])
 LIGHT = np.array([0.35, -0.55, 0.76])
 # camera: x to the right, looking along +y, slightly from above
@@ -141,7 +141,7 @@ def moment(scene, world):
         faces = world.rest_shape(name).surface.faces
         corners.append(world.positions(name)[faces])
         colors.append(np.tile(scene.appearances[name].color[:3], (len(faces), 1)))
-    camera = raster.view(np.array([0.25, 1.0, -0.62]), [-2.8, -1.45], [2.15, 1.95], 250)
+    camera = raster.view(np.array([0.25, 1.0, -0.62]), [-2.9, -1.5], [2.35, 2.0], 236)
     picture = raster.shaded(np.concatenate(corners), np.concatenate(colors), camera)
     return raster.smaller(picture, 3)
 
@@ -152,7 +152,7 @@ def story(path, moments):
     scene = parameters.make_scene(dict(flattened(values['/**']['ros__parameters'])))
     world = World(scene.world)
     columns = 3
-    figure, axes = plt.subplots(len(moments) // columns, columns, figsize=(12.4, 5.7), dpi=100)
+    figure, axes = plt.subplots(len(moments) // columns, columns, figsize=(12.4, 5.54), dpi=100)
     for panel, (caption, seconds, turn) in zip(axes.flat, moments, strict=True):
         world.configure(with_paddle(scene.world, turn))
         world.step(round(seconds / scene.world.time_step) - world.tick)

@@ -12,7 +12,7 @@ CHUNK = 4_000_000
 """Pairs of a triangle and a pixel that are looked at together."""
 LIGHT = np.array([-0.42, -0.5, 0.76])
 LIGHT = LIGHT / np.linalg.norm(LIGHT)
-AMBIENT = 0.45
+AMBIENT = 0.5
 SHADOW = 0.6
 """Share of the sunlight that a shadow takes."""
 
