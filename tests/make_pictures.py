@@ -3,11 +3,13 @@
 """
 Draw the README's pictures: `python3 tests/make_pictures.py` (needs matplotlib).
 
-The bodies are simulated by the core and drawn as flat shaded triangles, back to front.
+The bodies are simulated by the core and drawn as flat shaded triangles: one alone back to front,
+a scene by `raster`.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import pathlib
 
 import matplotlib
@@ -16,10 +18,18 @@ matplotlib.use('Agg')
 from matplotlib.collections import PolyCollection
 import matplotlib.pyplot as plt
 import numpy as np
+import raster
+from test_parameters import flattened
+import trimesh
+import yaml
 
+from softbody_ros import parameters
 from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
 
 PICTURES = pathlib.Path(__file__).parent.parent / 'resource'
+GROUND = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+FLOOR = np.array([0.93, 0.92, 0.9])
+GREY = np.array([0.72, 0.75, 0.8])
 ORANGE = np.array([0.93, 0.48, 0.2])
 LIGHT = np.array([0.35, -0.55, 0.76])
 # camera: x to the right, looking along +y, slightly from above
@@ -98,6 +108,75 @@ def bar(**settings):
     )
 
 
+def triangles_of(obstacle):
+    """Return the corners of an obstacle's triangles, those of a plane far apart."""
+    config = obstacle.config
+    radius, _, half = size = config.size
+    match config.type:
+        case 'plane':
+            surface = trimesh.Trimesh(30.0 * np.array(GROUND), [[0, 1, 2], [0, 2, 3]])
+        case 'box':
+            surface = trimesh.creation.box(2.0 * np.array(size))
+        case 'sphere':
+            surface = trimesh.creation.icosphere(4, radius)
+        case 'capsule':
+            surface = trimesh.creation.capsule(2.0 * max(half - radius, 0.0), radius, [48, 48])
+            surface.apply_translation(-surface.bounds.mean(axis=0))
+        case 'cylinder':
+            surface = trimesh.creation.cylinder(radius, 2.0 * half, 96)
+        case 'mesh':
+            surface = make_surface(config.mesh, radius, config.subdivisions + 1)
+    corners = surface.vertices[surface.faces]
+    return corners @ obstacle.rotation.T + obstacle.position
+
+
+def moment(scene, world):
+    """Return a picture of the world of a scene as it is now."""
+    corners, colors = [], []
+    for obstacle in world.obstacles:
+        corners.append(triangles_of(obstacle))
+        color = FLOOR if obstacle.config.type == 'plane' else GREY
+        colors.append(np.tile(color, (len(corners[-1]), 1)))
+    for name in world.names:
+        faces = world.rest_shape(name).surface.faces
+        corners.append(world.positions(name)[faces])
+        colors.append(np.tile(scene.appearances[name].color[:3], (len(faces), 1)))
+    camera = raster.view(np.array([0.25, 1.0, -0.62]), [-2.8, -1.45], [2.15, 1.95], 250)
+    picture = raster.shaded(np.concatenate(corners), np.concatenate(colors), camera)
+    return raster.smaller(picture, 3)
+
+
+def story(path, moments):
+    """Draw moments of config/contact.yaml: (caption, seconds, angular velocity of the paddle)."""
+    values = yaml.safe_load((PICTURES.parent / 'config' / 'contact.yaml').read_text())
+    scene = parameters.make_scene(dict(flattened(values['/**']['ros__parameters'])))
+    world = World(scene.world)
+    columns = 3
+    figure, axes = plt.subplots(len(moments) // columns, columns, figsize=(12.4, 5.7), dpi=100)
+    for panel, (caption, seconds, turn) in zip(axes.flat, moments, strict=True):
+        world.configure(with_paddle(scene.world, turn))
+        world.step(round(seconds / scene.world.time_step) - world.tick)
+        panel.imshow(moment(scene, world), interpolation='none')
+        panel.text(
+            0.98, 0.03, caption, transform=panel.transAxes, ha='right', color='#444', size=9
+        )
+        panel.axis('off')
+    figure.subplots_adjust(0, 0, 1, 1, wspace=0.01, hspace=0.015)
+    figure.savefig(path, pad_inches=0)
+    plt.close(figure)
+
+
+def with_paddle(config, turn):
+    """Return the config with another angular velocity of the paddle about z, rad/s."""
+    turned = [
+        dataclasses.replace(item, velocity_angular=(0.0, 0.0, turn))
+        if item.name == 'paddle'
+        else item
+        for item in config.obstacles
+    ]
+    return dataclasses.replace(config, obstacles=tuple(turned))
+
+
 if __name__ == '__main__':
     film_strip([0.0, 0.35, 0.46, 0.5, 0.55, 0.7, 10.0], PICTURES / 'ball.png')
     gallery(
@@ -117,4 +196,15 @@ if __name__ == '__main__':
             ),
         ],
         PICTURES / 'bodies.png',
+    )
+    story(
+        PICTURES / 'contact.png',
+        [
+            ('0 s', 0.0, 0.0),
+            ('0.7 s', 0.7, 0.0),
+            ('1.3 s', 1.3, 0.0),
+            ('2 s', 2.0, 0.0),
+            ('10 s', 10.0, 0.0),
+            ('12 s, the paddle turns', 12.0, 1.0),
+        ],
     )

@@ -9,6 +9,8 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
+import pytest
+
 ROOT = pathlib.Path(__file__).parent.parent
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 README = (ROOT / 'README.md').read_text()
@@ -46,9 +48,11 @@ def test_package_format_and_build_type():
     assert PACKAGE.findtext('license') == 'Apache-2.0'
 
 
-def test_readme_library_example_prints_what_it_says():
-    code = re.search(r'```python\n(# example.*?)```', README, re.S)[1]
-    expected = re.search(r'```python\n# example.*?```\s*```text\n(.*?)```', README, re.S)[1]
+EXAMPLES = re.findall(r'```python\n(# example.*?)```\s*```text\n(.*?)```', README, re.S)
+
+
+@pytest.mark.parametrize(('code', 'expected'), EXAMPLES)
+def test_readme_library_example_prints_what_it_says(code, expected):
     run = subprocess.run(
         [sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True
     )

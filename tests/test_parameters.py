@@ -4,6 +4,7 @@
 
 import pathlib
 
+import numpy as np
 import pytest
 import yaml
 
@@ -68,6 +69,21 @@ def test_shipped_scene_runs(path):
     world = World(scene.world)
     world.step(240)
     assert world.tick == 240
+    for name in world.names:
+        x = world.positions(name)
+        assert np.isfinite(x).all()
+        assert x[:, 2].min() > -1e-3, 'nothing is below the ground'
+
+
+def test_whatever_tumbles_in_the_contact_scene_stays_in_its_tray():
+    world = World(parameters.make_scene(scene_values(ROOT / 'config' / 'contact.yaml')).world)
+    world.step(round(5.0 / world.config.time_step))
+    there = {name: world.rigid_fit(name).position for name in world.names}
+    guest = there.pop('guest')
+    ring = next(item for item in world.obstacles if item.config.name == 'ring')
+    assert np.linalg.norm(guest[:2] - ring.position[:2]) < 0.1
+    for name, (x, y, z) in there.items():
+        assert (-0.8 < x < 1.7) and (-1.0 < y < 1.0) and (0.0 < z < 0.6), name
 
 
 def test_default_yaml_lists_every_parameter_with_its_default():

@@ -181,5 +181,7 @@ def _parted(values: np.ndarray, watched: Sequence[Stillness]) -> list[np.ndarray
 
 def heaps(bodies: int, one: np.ndarray, two: np.ndarray) -> np.ndarray:
     """Return the number (C,) of the heap of each body: those that touch belong together."""
+    if not len(one):
+        return np.arange(bodies)
     graph = csr_array((np.ones(len(one)), (one, two)), shape=(bodies, bodies))
     return connected_components(graph, directed=False)[1]

@@ -202,8 +202,12 @@ def _standing(
     for source in crowd.sources:
         flight, tick = source.flight, source.flight.tick
         x, bodies = flight.particles.x, len(flight.batch.x)
-        for obstacle in obstacles:
-            contacts = contact.find(x, obstacle, tick.gains.thickness, bodies=source.rows)
+        near = contact.nearby(flight.particles, obstacles, tick.gains.thickness)
+        for obstacle, within in zip(obstacles, near, strict=True):
+            within = np.intersect1d(within, source.rows)
+            if not len(within):
+                continue
+            contacts = contact.find(x, obstacle, tick.gains.thickness, bodies=within)
             if not len(contacts):
                 continue
             patch = contact.make_patch(x, contacts, flight.motion, tick.rest)
