@@ -151,7 +151,7 @@ def test_rigid_bodies_have_their_elasticity_as_restitution(mesh, elasticity, rat
     bodies = shared(mesh=mesh, mode='rigid', elasticity=elasticity, friction=0.0, **fine)
     world = floating(bodies[0], changed(bodies[1], mass=ratio), h=H)
     before = totals(world)[2]
-    world.step(60)
+    world.step(30)
     # as points on a line: the centre of mass goes on, the difference turns by −ε
     mean = 2.0 * (1.0 - ratio) / (1.0 + ratio)
     expected = [mean - elasticity * (2.0 - mean), mean + elasticity * (2.0 + mean)]
@@ -162,12 +162,12 @@ def test_rigid_bodies_have_their_elasticity_as_restitution(mesh, elasticity, rat
 
 
 @pytest.mark.parametrize('mode', MODES)
-@pytest.mark.parametrize('speed', [0.5, 5.0, 20.0])
+@pytest.mark.parametrize('speed', [1.0, 5.0, 20.0])
 def test_bodies_do_not_pass_through_each_other(mode, speed):
     for ratio in (1.0, 1000.0):
         one, two = shared(mode=mode, speed=speed, gap=0.6)
         world = floating(one, changed(two, mass=ratio), h=H)
-        for _ in range(120):
+        for _ in range(70):
             world.step()
             assert centre(world, 'one')[0] < centre(world, 'two')[0]
         assert gap_speed(world) > 0.0
@@ -215,13 +215,14 @@ FRICTIONS = {
 }
 
 
-@pytest.mark.parametrize('friction', FRICTIONS)
-@pytest.mark.parametrize('name', UNEQUAL)
+@pytest.mark.parametrize(
+    ('name', 'friction'), zip(UNEQUAL, itertools.cycle(FRICTIONS), strict=False)
+)
 def test_what_one_body_gets_the_other_one_gives(name, friction):
     world = floating(*unequal(name, FRICTIONS[friction]), h=H)
     before, scale = totals(world), sizes(world)
     speed = momentum(world, 'two')
-    for _ in range(30):
+    for _ in range(16):
         world.step(6)
         assert_kept(world, before, scale)
         assert totals(world)[2] <= before[2] * (1.0 + 1e-9)
@@ -234,7 +235,7 @@ def test_single_precision_loses_little(mode):
     exact, rough = (floating(one, two, h=H, dtype=kind) for kind in (np.float64, np.float32))
     before, scale = totals(rough), sizes(rough)
     for world in (exact, rough):
-        world.step(120)
+        world.step(72)
     assert rough.positions('one').dtype == np.float32
     assert_kept(rough, before, scale, 1e-5)
     for name in ('one', 'two'):
@@ -251,7 +252,7 @@ def test_friction_makes_a_grazing_ball_spin_and_without_friction_it_does_not(mod
             friction_model=model,
         )  # fmt: skip
         world = floating(*bodies, h=H)
-        world.step(120)
+        world.step(80)
         spins.append(world.rigid_fit('one').angular_velocity)
     # both turn about z as the lower side of the upper one is held back
     assert abs(spins[0][2]) < 0.25 * abs(spins[1][2])
@@ -308,9 +309,8 @@ def crowded(seed, count=12, dtype=np.float64):
     return floating(*bodies, h=1 / 120, dtype=dtype)
 
 
-@pytest.mark.parametrize('seed', [1, 2])
-def test_a_crowd_keeps_its_momentum_and_angular_momentum(seed):
-    world = crowded(seed)
+def test_a_crowd_keeps_its_momentum_and_angular_momentum():
+    world = crowded(1)
     before, scale = totals(world), sizes(world)
     velocities = {name: momentum(world, name) for name in world.names}
     for _ in range(20):
@@ -321,7 +321,7 @@ def test_a_crowd_keeps_its_momentum_and_angular_momentum(seed):
 
 
 def test_a_crowd_that_is_saved_and_restored_goes_on_bit_by_bit():
-    world = crowded(3)
+    world = crowded(3, count=7)
     world.step(50)
     middle = world.snapshot()
     world.step(20)
@@ -329,7 +329,7 @@ def test_a_crowd_that_is_saved_and_restored_goes_on_bit_by_bit():
     world.restore(middle)
     world.step(20)
     assert bytes_of(world) == expected
-    fresh = crowded(3)
+    fresh = crowded(3, count=7)
     fresh.step(70)
     assert bytes_of(fresh) == expected
 
@@ -366,7 +366,7 @@ def test_the_vertices_of_what_has_no_inside_are_kept_out_of_closed_bodies(shape,
         initial_velocity_linear=(0.0, 0.0, -2.0),
     )  # fmt: skip
     world = floating(one, body('box', name='two', subdivisions=2, mode='rigid', mass=5.0), h=H)
-    world.step(240)
+    world.step(150)
     assert momentum(world, 'one')[2] > -0.5
     assert momentum(world, 'two')[2] < -0.1
 
@@ -474,8 +474,8 @@ def test_bodies_put_into_each_other_stay_slow_and_finite(mode, other, distance):
         h=H,
     )
     before = centre(world, 'two') - centre(world, 'one')
-    for _ in range(20):
-        world.step(6)
+    for _ in range(12):
+        world.step(4)
         for name in world.names:
             assert np.abs(world.velocities(name)).max() < 40.0
             assert np.abs(world.positions(name)).max() < 20.0
@@ -516,7 +516,7 @@ fuzz_bodies = st.fixed_dictionaries(
 
 
 @settings(
-    max_examples=15,
+    max_examples=10,
     derandomize=True,
     deadline=None,
     database=None,

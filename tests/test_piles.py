@@ -70,7 +70,7 @@ def test_the_balls_of_a_heap_keep_apart(subdivisions, mode):
     world = heap(subdivisions, mode)
     diameter = 0.2
     nearest = np.inf
-    for _ in range(30):
+    for _ in range(20):
         world.step(6)
         nearest = min(nearest, nearest_centres(world))
         for name in world.names:
@@ -118,14 +118,15 @@ def stack(mode, masses=(1.0, 1.0), **values):
 @pytest.mark.parametrize('mode', MODES)
 def test_stacked_boxes_stand_and_feel_their_own_weight(mode, masses):
     world = stack(mode, masses, stiffness=0.8)
-    world.step(360)
+    world.step(240)
+    for i in range(2):
+        assert centre(world, f'b{i}') == pytest.approx([0.0, 0.0, 0.5 + i], abs=0.05)
     for i, mass in enumerate(masses):
         force = mean_force(world, f'b{i}')
         assert force == pytest.approx([0.0, 0.0, mass * G], abs=0.02 * mass * G)
     assert asleep(world, 10.0)
     for i, mass in enumerate(masses):
         name = f'b{i}'
-        assert centre(world, name) == pytest.approx([0.0, 0.0, 0.5 + i], abs=0.05)
         assert world.contact_wrench(name)[0] == pytest.approx([0.0, 0.0, mass * G])
         assert rms_displacement(world, name) < 0.03
 
@@ -147,7 +148,7 @@ def test_a_box_rests_on_a_pinned_shelf(mode, mass):
     )  # fmt: skip
     load = body('box', name='load', mode=mode, mass=1.0, position=(0.0, 0.0, 1.02), stiffness=0.8)
     world = on_the_ground(shelf, load, obstacles=())
-    world.step(480)
+    world.step(240)
     assert centre(world, 'load') == pytest.approx([0.0, 0.0, 1.0], abs=0.1)
     assert mean_force(world, 'load') == pytest.approx([0.0, 0.0, G], abs=0.05 * G)
 
@@ -288,8 +289,8 @@ def test_points_carry_a_body_as_an_obstacle_does(mesh, mode):
                   position=(0.0, 0.0, 0.62), friction=0.5)  # fmt: skip
     world = on_the_ground(config, obstacles=())
     world.set_points(PointObstacles(bed(), 0.05))
-    world.step(300)
-    assert mean_force(world, 'body') == pytest.approx([0.0, 0.0, 2.0 * G], abs=0.03 * 2.0 * G)
+    world.step(200)
+    assert mean_force(world, 'body') == pytest.approx([0.0, 0.0, 2.0 * G], abs=0.05 * 2.0 * G)
     # a ball sinks in between four points, and rocks on them
     low = 0.02 if mesh == 'box' else 0.05
     assert world.positions('body')[:, 2].min() == pytest.approx(0.05, abs=low)
