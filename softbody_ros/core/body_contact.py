@@ -126,18 +126,18 @@ def _fixed_points(
     Particles meet obstacles; but corners, and whatever is smaller than the faces of a body, would
     get in between its particles. So the points of obstacles meet the faces of bodies, too.
     """
-    sets = [(points, np.zeros(3), np.zeros(6))] if len(points) else []
+    sets = [(points, np.zeros(3), np.zeros(6), False)] if len(points) else []
     for index in np.flatnonzero(_close(found, obstacles)).tolist():
         config = obstacles[index].config
         twist = np.array([*config.velocity_linear, *config.velocity_angular])
-        sets.append((obstacles[index].spikes, obstacles[index].position, twist))
+        sets.append((obstacles[index].spikes, obstacles[index].position, twist, True))
     fixed: list[Fixed] = []
     boxes, places, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
-    for each, centre, twist in sets:
+    for each, centre, twist, is_spiky in sets:
         box, point = each.inside(found.low, found.high)
         near, place = np.unique(point, return_inverse=True)
         if len(near):
-            fixed.append(Fixed(each.some(near), centre, twist))
+            fixed.append(Fixed(each.some(near), centre, twist, is_spiky))
             boxes.append(box)
             places.append(count + place)
             count += len(near)
@@ -205,8 +205,9 @@ def loads(meeting: Meeting, gravity: np.ndarray) -> np.ndarray:
     cosine = np.abs(cosine)
     # pins bear the weight of what hangs on them
     free = np.isfinite(crowd.mass) & ~crowd.pinned
-    heavy = meeting.apart & free[upper]
-    grip = np.maximum(np.bincount(upper, cosine**2, len(crowd)), LEAST_GRIP)
+    heavy = meeting.apart & free[upper] & ~crowd.spiky[lower]
+    square = np.bincount(upper, np.where(heavy, cosine**2, 0.0), len(crowd))
+    grip = np.maximum(square, LEAST_GRIP)
     share = np.where(heavy, cosine / grip[upper], 0.0).tolist()
     weight = (magnitude * np.where(free, crowd.mass, 0.0)).tolist()
     handed_on = cosine.tolist()

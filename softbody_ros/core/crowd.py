@@ -76,12 +76,15 @@ class Fixed:
         m
     twist : (6,) float
         velocity there, m/s, and angular velocity, rad/s
+    is_spiky : bool
+        whether they are the spikes of an obstacle, which carries weight by its surface
 
     """
 
     points: PointObstacles
     centre: np.ndarray
     twist: np.ndarray
+    is_spiky: bool
 
     @property
     def velocity(self) -> np.ndarray:
@@ -113,7 +116,8 @@ class Crowd:
         of the bodies, kg; infinite for what does not give way
     mobility : (C, 6, 6) float
         what an impulse and a turning impulse do to the twist, as far as pins allow, 1/kg …
-    pinned : (C,) bool
+    pinned, spiky : (C,) bool
+        whether pins hold them; whether they are spikes of obstacles
     rigid, elasticity, bounciness, friction, coulomb, thickness, scale : (C,)
         of the bodies, see `Gains` and `RestShape`
     centre : (C, 3) float
@@ -139,6 +143,7 @@ class Crowd:
     mass: np.ndarray
     mobility: np.ndarray
     pinned: np.ndarray
+    spiky: np.ndarray
     rigid: np.ndarray
     elasticity: np.ndarray
     bounciness: np.ndarray
@@ -198,6 +203,7 @@ def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> C
     points = [each.points.points for each in fixed]
     velocities = [each.velocity for each in fixed]
     bodies = [len(each.rows) for each in sources]
+    spiky = np.array([*[False] * sum(bodies), *(each.is_spiky for each in fixed)])
     sizes = np.repeat([each.skin.rest.particle_count for each in sources], bodies)
     counts = np.concatenate([sizes, [len(each) for each in points]]).astype(np.int64)
     body = np.repeat(np.arange(len(counts)), counts)
@@ -237,6 +243,7 @@ def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> C
                 np.zeros(len(fixed), dtype=bool),
             ]
         ),
+        spiky=spiky,
         rigid=of_gains('rigid', True),
         elasticity=of_gains('elasticity', np.nan),
         bounciness=of_gains('bounciness', np.nan),

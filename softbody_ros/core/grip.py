@@ -15,9 +15,11 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.meeting import Meeting, between, summed
+from softbody_ros.core.meeting import Meeting, between
+from softbody_ros.core.sums import BLOCK
 
 SOFT_ROUNDS, RIGID_ROUNDS, FRICTION_ROUNDS, PUSH_OUT_ROUNDS = 4, 16, 4, 4
+TINY = 1e-300
 LARGEST_MOVE = 0.3
 """How far, in RMS radii, what is deep in each other is moved apart in a tick."""
 STICKING = 0.5
@@ -53,36 +55,42 @@ def collide(meeting: Meeting, carried: np.ndarray, shift: np.ndarray, slow: floa
     """
     crowd, normal = meeting.crowd, meeting.touches.normal
     grip = Grip(meeting)
-    before = crowd.v[grip.particle]
+    before = grip.relative(crowd.v)
     push = _pushes(meeting, grip, before, slow)
-    velocity = before + grip.spread(push[:, None] * normal)
-    sliding = grip.tangential(velocity)
+    velocity = before + grip.reply(push[:, None] * normal)
+    sliding = along(normal, velocity)
     rubbed = _rubbed(meeting, sliding, (push + carried) * grip.stiffness)[:, None]
     friction = np.zeros_like(sliding)
-    for _ in range(FRICTION_ROUNDS):
-        now = grip.tangential(velocity + grip.spread(friction))
-        friction += ((1.0 - rubbed) * sliding - now) / grip.stiffness_along[:, None]
-    moves = _moves(meeting, grip, shift[grip.particle], rubbed)
+    if rubbed.any():
+        for _ in range(FRICTION_ROUNDS):
+            now = along(normal, velocity + grip.reply(friction))
+            friction += ((1.0 - rubbed) * sliding - now) / grip.stiffness_along[:, None]
+    moves = _moves(meeting, grip, shift, rubbed)
     grip.give(crowd.v, push[:, None] * normal + friction)
     grip.give(crowd.x, moves)
     return Pushes(push, meeting.sign[:, None] * friction)
 
 
+def along(normal: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (k, 3) without what they have along normals (k, 3)."""
+    return vectors - np.einsum('ij,ij->i', vectors, normal)[:, None] * normal
+
+
 def _pushes(meeting: Meeting, grip: Grip, velocity: np.ndarray, slow: float) -> np.ndarray:
     """Return the impulses (k,) that stop all approach; of two rigid bodies, that reflect it."""
     crowd, touches = meeting.crowd, meeting.touches
-    speed = grip.along_normals(velocity)
+    normal = touches.normal
+    speed = np.einsum('ij,ij->i', velocity, normal)
     bounces = crowd.rigid[touches.body] & crowd.rigid[touches.other] & (speed < -slow)
     elasticity = between(crowd.elasticity, touches.body, touches.other)
     wanted = np.where(bounces, -elasticity * speed, 0.0)
-    push = np.zeros(len(touches))
+    push, change = np.zeros(len(touches)), np.zeros(len(touches))
     for _ in range(RIGID_ROUNDS if grip.some_rigid else SOFT_ROUNDS):
-        now = speed + grip.along_normals(grip.spread(push[:, None] * touches.normal))
-        push = np.maximum(push + (wanted - now) / grip.stiffness, 0.0)
-    gained = speed + 0.5 * grip.along_normals(grip.spread(push[:, None] * touches.normal))
-    if wanted.any() and push @ gained > 0.0:
+        push = np.maximum(push + (wanted - speed - change) / grip.stiffness, 0.0)
+        change = np.einsum('ij,ij->i', grip.reply(push[:, None] * normal), normal)
+    if bounces.any() and push @ (speed + 0.5 * change) > 0.0:
         # rebounds at many places at once could give more than there was
-        push *= -(push @ speed) / (push @ (gained - speed)) / 2.0
+        push *= -2.0 * (push @ speed) / (push @ change)
     return push
 
 
@@ -111,62 +119,83 @@ def _moves(meeting: Meeting, grip: Grip, shift: np.ndarray, rubbed: np.ndarray) 
     Friction takes back some of the way, too: what sticks hardly creeps.
     """
     crowd, touches = meeting.crowd, meeting.touches
+    normal = touches.normal
     farthest = LARGEST_MOVE * np.minimum(crowd.scale[touches.body], crowd.scale[touches.other])
-    depth = np.minimum(touches.depth - grip.along_normals(shift), farthest)
-    way = crowd.x[grip.particle] - crowd.start[grip.particle]
-    kept = (1.0 - STICKING * rubbed) * grip.tangential(way)
-    out, back = np.zeros(len(touches)), np.zeros_like(kept)
+    sunk = touches.depth - np.einsum('ij,ij->i', grip.relative(shift), normal)
+    depth = np.minimum(sunk, farthest)
+    way = grip.relative(crowd.x - crowd.start)
+    kept = (1.0 - STICKING * rubbed) * along(normal, way)
+    out, back, moved = np.zeros(len(touches)), np.zeros_like(way), np.zeros_like(way)
     for _ in range(PUSH_OUT_ROUNDS):
-        moved = grip.spread(back + out[:, None] * touches.normal)
-        out = np.maximum(out + (depth - grip.along_normals(moved)) / grip.stiffness, 0.0)
-        back += (kept - grip.tangential(way + moved)) / grip.stiffness_along[:, None]
-    return back + out[:, None] * touches.normal
+        back += (kept - along(normal, way + moved)) / grip.stiffness_along[:, None]
+        left = depth - np.einsum('ij,ij->i', moved, normal)
+        out = np.maximum(out + left / grip.stiffness, 0.0)
+        moved = grip.reply(back + out[:, None] * normal)
+    return back + out[:, None] * normal
 
 
 class Grip:
     """
-    What impulses at touching places do to the particles there: each acts on a particle and a face.
+    What impulses at touching places do there: each acts on a particle, and back on a face.
 
     Particles and bodies count as many times as they are touched: so all impulses can be found at
     once without more than stopping anything (mass splitting: Tonge, Benevolenski, Voroshilov 2012,
-    Mass splitting for jitter-free parallel rigid body simulation).
+    Mass splitting for jitter-free parallel rigid body simulation). Rigid bodies move as wholes.
 
     Attributes
     ----------
-    particle : (u,) int
-        the particles that touch, and those at the corners of touched faces
     some_rigid : bool
-        whether some of them belong to rigid bodies, which are moved as wholes
+        whether some of the bodies are rigid
 
     """
 
     def __init__(self, meeting: Meeting) -> None:
-        self._crowd, self._touches = meeting.crowd, meeting.touches
         crowd, touches, count = meeting.crowd, meeting.touches, len(meeting.touches)
+        self._crowd, self._touches = crowd, touches
         columns = np.column_stack([touches.particle, touches.corners])
         values = np.column_stack([np.ones(count), -touches.share])
-        self.particle, place = np.unique(columns, return_inverse=True)
-        shape = (count, len(self.particle))
-        self._relative = csr_array(
-            (values.ravel(), place.ravel(), np.arange(0, 4 * count + 1, 4)), shape=shape
-        )
-        self._spread = self._relative.T.tocsr()
-        rigid = crowd.rigid[crowd.body[self.particle]]
+        self._particle, place = np.unique(columns, return_inverse=True)
+        shape = (count, len(self._particle))
+        ends = np.arange(0, 4 * count + 1, 4)
+        self._relative = csr_array((values.ravel(), place.ravel(), ends), shape=shape)
+        rigid = crowd.rigid[crowd.body[self._particle]]
         self.some_rigid = bool(rigid.any())
-        self._rigid_particle = np.flatnonzero(rigid)
-        self._lightness = np.where(rigid, 0.0, crowd.lightness[self.particle])
-        touched = np.diff(self._spread.indptr)
-        square = csr_array(
-            (self._relative.data**2, self._relative.indices, self._relative.indptr), shape=shape
-        )
+        self._lightness = np.where(rigid, 0.0, crowd.lightness[self._particle])
+        touched = np.bincount(place.ravel(), minlength=shape[1])
+        square = csr_array((values.ravel() ** 2, place.ravel(), ends), shape=shape)
         self._soft_stiffness = square @ (self._lightness * touched)
+        self._spread = self._relative.T.tocsr()
+        self._spread.data *= np.repeat(self._lightness, np.diff(self._spread.indptr))
+        # few places: one small dense product is several times faster than two sparse ones
+        few = count**2 <= BLOCK
+        self._coupling = (self._relative @ self._spread).toarray() if few else None
         if self.some_rigid:
-            sides = (touches.body, touches.other)
-            touched = np.bincount(np.concatenate(sides), minlength=len(crowd))
-            self._rigid_mobility = meeting.crowd.mobility * crowd.rigid[:, None, None]
-            counted = self._rigid_mobility * touched[:, None, None]
-            self._counted_mobility = [counted[body] for body in sides]
-            self._arms = [meeting.point - crowd.centre[body] for body in sides]
+            self._prepare_rigid(meeting)
+
+    def _prepare_rigid(self, meeting: Meeting) -> None:
+        crowd, touches, count = meeting.crowd, meeting.touches, len(meeting.touches)
+        sides = (touches.body, touches.other)
+        self._mobility = crowd.mobility * crowd.rigid[:, None, None]
+        touched = np.bincount(np.concatenate(sides), minlength=len(crowd))
+        counted = self._mobility * touched[:, None, None]
+        self._counted_mobility = [counted[body] for body in sides]
+        self._arms = [meeting.point - crowd.centre[body] for body in sides]
+        # (3 k, 6 C): what twists do to relative velocities
+        blocks = [
+            sign
+            * np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), _turns(arms)], axis=2)
+            for sign, arms in zip((1.0, -1.0), self._arms, strict=True)
+        ]
+        rows = np.broadcast_to(np.arange(3 * count).reshape(-1, 3, 1), (count, 3, 6))
+        columns = [
+            np.broadcast_to(6 * body[:, None, None] + np.arange(6), (count, 3, 6))
+            for body in sides
+        ]
+        twists = csr_array(
+            (np.ravel(blocks), (np.ravel([rows, rows]), np.ravel(columns))),
+            shape=(3 * count, 6 * len(crowd)),
+        )
+        self._twists = twists.toarray() if np.prod(twists.shape) <= BLOCK else twists
 
     @cached_property
     def stiffness(self) -> np.ndarray:
@@ -177,7 +206,7 @@ class Grip:
         for mobility, arms in zip(self._counted_mobility, self._arms, strict=True):
             row = np.hstack([normal, rigid_motion.cross(arms, normal)])
             total += np.einsum('ij,ijk,ik->i', row, mobility, row)
-        return total
+        return np.maximum(total, TINY)
 
     @cached_property
     def stiffness_along(self) -> np.ndarray:
@@ -187,39 +216,38 @@ class Grip:
         total = self._soft_stiffness.copy()
         for mobility, arms in zip(self._counted_mobility, self._arms, strict=True):
             turning = np.einsum('ijj->i', mobility[:, 3:, 3:])
-            total += mobility[:, 0, 0] + turning * np.einsum('ij,ij->i', arms, arms)
-        return total
+            moving = np.einsum('ijj->i', mobility[:, :3, :3])
+            total += moving + turning * np.einsum('ij,ij->i', arms, arms)
+        return np.maximum(total, TINY)
 
-    def along_normals(self, field: np.ndarray) -> np.ndarray:
-        """Return how far a field (u, 3) brings particles from their faces, (k,)."""
-        return np.einsum('ij,ij->i', self._relative @ field, self._touches.normal)
+    def relative(self, field: np.ndarray) -> np.ndarray:
+        """Return what a field (N, 3) of the crowd has at particles more than at faces, (k, 3)."""
+        return self._relative @ field[self._particle]
 
-    def tangential(self, field: np.ndarray) -> np.ndarray:
-        """Return how far it brings them along the faces, (k, 3)."""
-        relative, normal = self._relative @ field, self._touches.normal
-        return relative - np.einsum('ij,ij->i', relative, normal)[:, None] * normal
-
-    def spread(self, impulse: np.ndarray) -> np.ndarray:
-        """Return what impulses (k, 3) on the particles, and back on faces, change: (u, 3)."""
-        change = self._lightness[:, None] * (self._spread @ impulse)
+    def reply(self, impulse: np.ndarray) -> np.ndarray:
+        """Return what impulses (k, 3) do to the relative velocities, (k, 3)."""
+        if self._coupling is not None:
+            change = self._coupling @ impulse
+        else:
+            change = self._relative @ (self._spread @ impulse)
         if self.some_rigid:
-            rigid = self._rigid_particle
-            twist = self._rigid_twist(impulse)
-            change[rigid] = self._crowd.field(twist, self.particle[rigid])
+            change += (self._twists @ self._rigid_twist(impulse).ravel()).reshape(-1, 3)
         return change
 
     def give(self, field: np.ndarray, impulse: np.ndarray) -> None:
         """Change a field (N, 3) of the crowd by impulses (k, 3), in place."""
-        field[self.particle] += self._lightness[:, None] * (self._spread @ impulse)
+        field[self._particle] += self._spread @ impulse
         if self.some_rigid:
             field += self._crowd.field(self._rigid_twist(impulse))
 
     def _rigid_twist(self, impulse: np.ndarray) -> np.ndarray:
-        total = np.zeros((len(self._crowd), 6))
-        sides = zip(
-            (1.0, -1.0), (self._touches.body, self._touches.other), self._arms, strict=True
-        )
-        for sign, body, arms in sides:
-            both = np.hstack([impulse, rigid_motion.cross(arms, impulse)])
-            total += sign * summed(both, body, len(total))
-        return rigid_motion.applied(self._rigid_mobility, total)
+        total = (self._twists.T @ impulse.ravel()).reshape(-1, 6)
+        return rigid_motion.applied(self._mobility, total)
+
+
+def _turns(arms: np.ndarray) -> np.ndarray:
+    """Return the matrices (k, 3, 3) that make of an angular velocity the velocity at arms."""
+    result = np.zeros((len(arms), 3, 3))
+    result[:, [0, 1, 2], [1, 2, 0]] = arms[:, [2, 0, 1]]
+    result[:, [0, 1, 2], [2, 0, 1]] = -arms[:, [1, 2, 0]]
+    return result

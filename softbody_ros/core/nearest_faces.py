@@ -34,8 +34,8 @@ MARGIN = 2
 """Cells between a surface's bounding box and the border of the grid."""
 BLOCK = 4096
 """Cells whose candidates are found at once: bounds the memory."""
-FLAT = 0.995
-"""Cosine between the normals of a face and of its corner from which on it counts as flat."""
+FLAT = 0.9
+"""Cosine between the normals of a face and of its corner from which on there is no edge."""
 KEPT = 32
 """Grids that are remembered."""
 HALVINGS, OPPOSITE = 20, 0.3
@@ -89,7 +89,7 @@ class NearestFaces:
 
     @cached_property
     def sharp_vertices(self) -> np.ndarray:
-        """(k, 3) float: those at which the surface is not flat, m."""
+        """(k, 3) float: those at which the surface has an edge or a corner, m."""
         triangles = self.triangles
         corners = np.stack([0.0 * triangles.ab, triangles.ab, triangles.ac])
         corners = (triangles.corner + corners).transpose(2, 0, 1)

@@ -25,6 +25,8 @@ SLACK = 1e-6
 """Width around boxes, in RMS radii: what lies flush with another touches it."""
 INTO_ITSELF = 0.02
 """Share of the way to its own body's centre by which a particle is looked up inwards."""
+BLUNT = 0.015
+"""Depth, in RMS radii, that spikes may have: the surface of their obstacle is met before."""
 DEEP, SAME_WAY, TO_CENTRE = 0.01, 0.3, 0.9
 """A particle this deep, in RMS radii, whose own surface looks the same way as the face (cosine),
 is on its way through: it has to leave on the side of its own body's centre."""
@@ -197,6 +199,7 @@ def _inside_faces(
         each[kept] for each in (particle, body, other, piece, points, inwards, face)
     )
     thickness = crowd.thickness[body] + crowd.thickness[other]
+    thickness -= np.where(crowd.spiky[body], BLUNT * skin.rest.scale, 0.0)
     corners = skin.corners[face] + crowd.first[other][:, None]
     height, normal, share = over_triangles(points, crowd.x[corners.T])
 
