@@ -11,9 +11,10 @@ from softbody_ros.core.point_obstacles import PointObstacles
 
 MODES = ('rigid', 'linear', 'quadratic')
 G = 9.81
+H = 1 / 120
 
 
-def on_the_ground(*bodies, h=1 / 120, obstacles=None):
+def on_the_ground(*bodies, h=H, obstacles=None):
     """Return a world of bodies on the ground."""
     ground = (ObstacleConfig(),) if obstacles is None else obstacles
     return World(WorldConfig(time_step=h, bodies=bodies, obstacles=ground))
@@ -94,31 +95,26 @@ def test_a_heap_that_is_saved_and_restored_goes_on_bit_by_bit():
     assert bytes_of(fresh) == expected
 
 
-def stack(mode, masses=(1.0, 1.0), **values):
+def stack(mode, masses=(1.0, 1.0), h=H, **values):
     """Return boxes that stand on each other."""
     return on_the_ground(
         *(
             body('box', name=f'b{i}', mode=mode, mass=mass, position=(0.0, 0.0, 0.51 + 1.02 * i),
                  **values)
             for i, mass in enumerate(masses)
-        )
+        ),
+        h=h,
     )  # fmt: skip
 
 
+# what is heavy on what is light needs small steps
 @pytest.mark.parametrize(
-    'masses',
-    [
-        (1.0, 1.0),
-        pytest.param(
-            (1.0, 5.0), marks=pytest.mark.xfail(strict=True, reason='what is heavy topples')
-        ),
-        (5.0, 1.0),
-    ],
+    ('masses', 'h'), [((1.0, 1.0), H), ((1.0, 5.0), 1 / 240), ((5.0, 1.0), H)]
 )
 @pytest.mark.parametrize('mode', MODES)
-def test_stacked_boxes_stand_and_feel_their_own_weight(mode, masses):
-    world = stack(mode, masses, stiffness=0.8)
-    world.step(240)
+def test_stacked_boxes_stand_and_feel_their_own_weight(mode, masses, h):
+    world = stack(mode, masses, h=h, stiffness=0.8)
+    world.step(round(2.0 / h))
     for i in range(2):
         assert centre(world, f'b{i}') == pytest.approx([0.0, 0.0, 0.5 + i], abs=0.05)
     for i, mass in enumerate(masses):
@@ -131,15 +127,7 @@ def test_stacked_boxes_stand_and_feel_their_own_weight(mode, masses):
         assert rms_displacement(world, name) < 0.03
 
 
-@pytest.mark.parametrize(
-    'mass',
-    [
-        1.0,
-        pytest.param(
-            0.1, marks=pytest.mark.xfail(strict=True, reason='pins do not support others')
-        ),
-    ],
-)
+@pytest.mark.parametrize('mass', [0.3, 1.0])
 @pytest.mark.parametrize('mode', MODES)
 def test_a_box_rests_on_a_pinned_shelf(mode, mass):
     shelf = body(
@@ -150,7 +138,7 @@ def test_a_box_rests_on_a_pinned_shelf(mode, mass):
     world = on_the_ground(shelf, load, obstacles=())
     world.step(240)
     assert centre(world, 'load') == pytest.approx([0.0, 0.0, 1.0], abs=0.1)
-    assert mean_force(world, 'load') == pytest.approx([0.0, 0.0, G], abs=0.05 * G)
+    assert mean_force(world, 'load', 120) == pytest.approx([0.0, 0.0, G], abs=0.05 * G)
 
 
 # ---------------------------------------------------------------------------------------- wrenches

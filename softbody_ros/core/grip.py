@@ -20,7 +20,7 @@ from softbody_ros.core.sums import BLOCK
 
 SOFT_ROUNDS, RIGID_ROUNDS, FRICTION_ROUNDS, PUSH_OUT_ROUNDS = 4, 16, 4, 4
 TINY = 1e-300
-LARGEST_MOVE = 0.3
+LARGEST_MOVE = 0.2
 """How far, in RMS radii, what is deep in each other is moved apart in a tick."""
 STICKING = 0.5
 """Share of the way that full friction takes back in a tick; with all of it heaps begin to sway."""

@@ -14,7 +14,7 @@ from softbody_ros.core import rigid_motion
 from softbody_ros.core.contact import Contacts, find, joined, nearby
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.sums import weighted
-from softbody_ros.core.tick import Particles, Tick
+from softbody_ros.core.tick import SLOW_TICKS, Particles, Tick
 
 PUSH_OUT_ROUNDS = 3
 """A body between several obstacles is moved out of each so many times."""
@@ -64,7 +64,8 @@ def collide(particles: Particles, body: int, contacts: Contacts, tick: Tick) -> 
     arms = x[:, contacts.particle].T - centre
 
     before = np.concatenate([rigid.velocity[0], rigid.angular_velocity[0]])
-    motion, bounced = _impulses(before, mobility, arms, contacts, tick)
+    weight = tick.gravity + particles.pressed[body]
+    motion, bounced = _impulses(before, mobility, arms, contacts, weight, tick)
 
     # a load acts all through the tick, a bounce happens at the surface
     change = np.zeros(6) if bounced else 0.5 * tick.h * (motion - before)
@@ -76,17 +77,27 @@ def collide(particles: Particles, body: int, contacts: Contacts, tick: Tick) -> 
 
 
 def _impulses(
-    motion: np.ndarray, mobility: np.ndarray, arms: np.ndarray, contacts: Contacts, tick: Tick
+    motion: np.ndarray,
+    mobility: np.ndarray,
+    arms: np.ndarray,
+    contacts: Contacts,
+    weight: np.ndarray,
+    tick: Tick,
 ) -> tuple[np.ndarray, bool]:
-    """Return the motion (linear, angular) of a body after its impulses, and whether it bounced."""
+    """
+    Return the motion (linear, angular) of a body after its impulses, and whether it bounced.
+
+    `weight` (3,) is what has accelerated it in the tick, m/s²: gravity, and what lies on it.
+    """
     gains = tick.gains
     body = contacts.body[0]
     normals = np.hstack([contacts.normal, np.cross(arms, contacts.normal)])
     speed = normals @ motion - np.einsum('ij,ij->i', contacts.normal, contacts.surface_velocity)
     # what gravity has added since the deepest particle touched must not bounce
-    fallen = np.max(-2.0 * (contacts.normal @ tick.gravity) * contacts.depth)
+    fallen = np.max(-2.0 * (contacts.normal @ weight) * contacts.depth)
     impact = np.sqrt(np.maximum(speed**2 - fallen, 0.0))
-    wanted = np.where(speed < -tick.slow, gains.elasticity[body] * impact, 0.0)
+    slow = SLOW_TICKS * tick.h * float(np.linalg.norm(weight))
+    wanted = np.where(speed < -slow, gains.elasticity[body] * impact, 0.0)
     rubbed = _coulomb if gains.coulomb[body] else _viscous
     friction = np.zeros(6)
     # friction tips a body over its contacts and the contacts carry the friction: take turns
