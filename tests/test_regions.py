@@ -522,7 +522,8 @@ def test_awkward_meshes_keep_their_momentum_and_find_their_shape_again(name):
     world.step(100)
     for body_name, (linear, spin) in before.items():
         assert np.isfinite(world.positions(body_name)).all()
-        assert momentum(world, body_name) == pytest.approx(linear, abs=1e-12)
+        # far from the origin, where the bodies are put apart, rounding is larger
+        assert momentum(world, body_name) == pytest.approx(linear, abs=1e-11)
         assert angular_momentum(world, body_name) == pytest.approx(spin, rel=1e-6, abs=1e-9)
         # spinning stretches the slender ones
         assert rms_displacement(world, body_name) < 0.04

@@ -14,6 +14,9 @@ from softbody_ros.core.face_table import FaceTable, make_face_table
 from softbody_ros.core.regions import Regions
 from softbody_ros.core.rest_shape import RestShape
 
+NEIGHBOURS = 2.0
+"""Edges between a particle and a face of the same body within which they cannot touch."""
+
 
 @dataclass(frozen=True, eq=False)
 class Skin:
@@ -66,6 +69,18 @@ class Skin:
     def table(self) -> FaceTable:
         """Which face of the rest shape is nearest, for closed ones."""
         return make_face_table(self.rest.surface)
+
+    def apart(self, particle: np.ndarray, face: np.ndarray) -> np.ndarray:
+        """Return whether particles (k,), places in `order`, are no neighbours of faces (k,)."""
+        vertices = self.rest.surface.vertices[self.order]
+        middle = vertices[self.corners[face]].mean(axis=1)
+        distance = np.linalg.norm(vertices[particle] - middle, axis=1)
+        return distance > NEIGHBOURS * self._edge
+
+    @cached_property
+    def _edge(self) -> float:
+        a, b, c = self.rest.surface.vertices[self.rest.surface.faces.T]
+        return float(np.linalg.norm([a - b, b - c, c - a], axis=2).mean())
 
     def prepare(self) -> None:
         """Make the table now, not when something first comes near: it takes a while."""

@@ -194,7 +194,11 @@ def _inside_faces(
     gives_way = np.isfinite(crowd.mass[body])[:, None]
     inwards = np.where(gives_way, crowd.centre[body] - points, 0.0)
     face = _nearest_face(points + INTO_ITSELF * inwards, source, other, piece)
-    kept = np.flatnonzero(face >= 0)
+    touches = face >= 0
+    if skin.pieces > 1:
+        own = np.flatnonzero(touches & (body == other))
+        touches[own] = skin.apart(particle[own] - crowd.first[body[own]], face[own])
+    kept = np.flatnonzero(touches)
     particle, body, other, piece, points, inwards, face = (
         each[kept] for each in (particle, body, other, piece, points, inwards, face)
     )
