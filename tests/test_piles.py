@@ -148,6 +148,27 @@ def test_a_box_rests_on_a_pinned_shelf(mode, mass):
     assert mean_force(world, 'load', 120) == pytest.approx([0.0, 0.0, G], abs=0.05 * G)
 
 
+@pytest.mark.parametrize('mode', MODES)
+def test_bodies_keep_the_distance_of_both_their_thicknesses(mode):
+    low, high = (
+        body('box', name=name, mode=mode, position=(0.0, 0.0, z), stiffness=0.8, thickness=t)
+        for name, z, t in (('low', 0.53, 0.02), ('high', 1.6, 0.03))
+    )
+    world = on_the_ground(low, high, h=1 / 240)
+    assert asleep(world, 10.0)
+    x = {name: world.positions(name)[:, 2] for name in world.names}
+    assert x['low'].min() == pytest.approx(0.02, abs=2e-3)
+    assert x['high'].min() - x['low'].max() == pytest.approx(0.05, abs=0.01)
+
+
+@pytest.mark.parametrize('mode', ['linear', 'quadratic'])
+def test_the_ground_carries_what_lies_on_a_body_too(mode):
+    """Carried as a whole it hardly sinks in: without that the lowest of three is crushed."""
+    world = stack(mode, (1.0, 1.0, 1.0), h=1 / 240, stiffness=0.5)
+    world.step(480)
+    assert rms_displacement(world, 'b0') < 0.012
+
+
 # ---------------------------------------------------------------------------------------- wrenches
 @pytest.mark.parametrize('mode', MODES)
 @pytest.mark.parametrize('mesh', ['icosphere', 'box', 'cylinder', 'torus'])

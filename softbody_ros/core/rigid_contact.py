@@ -195,7 +195,10 @@ def _least_impulses(rows: np.ndarray, mobility: np.ndarray, needed: np.ndarray) 
             break
         active.append(worst)
         system = np.vstack([scaled[active].T, needed[active]])
-        solution = nnls(system, np.eye(7)[6])[0]
+        try:
+            solution = nnls(system, np.eye(7)[6])[0]
+        except RuntimeError:  # it does not converge where supports nearly repeat each other
+            break
         slack = 1.0 - needed[active] @ solution
         if slack < 1e-12:  # no motion satisfies all: the body is wedged
             break
