@@ -32,9 +32,8 @@ class FaceTable:
     cell : float
         edge length of a cell, m
     shape : (3,) int
-        cells per axis, with a border of one cell that has no face
+        cells per axis
     face : (N,) int
-        −1 for the border
 
     """
 
@@ -44,7 +43,7 @@ class FaceTable:
     face: np.ndarray
 
     def nearest(self, points: np.ndarray) -> np.ndarray:
-        """Return (k,) int: the face of the cell that each point (k, 3), m, is in; −1 outside."""
+        """Return (k,) int: the face of the cell that each point (k, 3), m, is in, or next to."""
         scaled = (points.T - self.origin[:, None]) * (1.0 / self.cell)
         _, rows, columns = self.shape
         x, y, z = np.clip(scaled, 0.0, (self.shape - 1)[:, None]).astype(np.int64)
@@ -68,5 +67,4 @@ def make_face_table(surface: Surface) -> FaceTable:
     # in the middle of a ball all faces are equally far: the search must not look at all of them
     nearest = cKDTree(places[chosen]).query(centres, eps=NEARLY)[1]
     face = samples.parent[chosen[nearest]]
-    padded = np.pad(face.reshape(inner), 1, constant_values=-1)
-    return FaceTable(origin - cell, float(cell), inner + 2, padded.ravel())
+    return FaceTable(origin, float(cell), inner, face)

@@ -153,7 +153,10 @@ def find(
     start, count = _ranges(crowd, found, of)
     common = np.minimum(found.high[of], found.high[to]) - np.maximum(found.low[of], found.low[to])
     thin = np.argmin(common / (found.high[of] - found.low[of]), axis=1)
-    pair, inside = inside_boxes(crowd.x, start, count, found.low[to], found.high[to], thin)
+    # boxes have room for the thickness of their own bodies
+    low, high = found.low[to], found.high[to]
+    reach = crowd.thickness[found.body[of], None]
+    pair, inside = inside_boxes(crowd.x, start, count, low - reach, high + reach, thin)
     particle, box = np.concatenate([inside, particle]), np.concatenate([to[pair], box])
     source_of = crowd.source[found.body[box]]
     parts = []
@@ -214,7 +217,6 @@ def _inside_faces(
         through = np.flatnonzero(through)
         aim = points[through] + TO_CENTRE * inwards[through]
         face = _nearest_face(aim, source, other[through], piece[through])
-        through, face = through[face >= 0], face[face >= 0]
         corners[through] = skin.corners[face] + crowd.first[other[through]][:, None]
         height[through], normal[through], share[through] = over_triangles(
             points[through], crowd.x[corners[through].T]
