@@ -470,6 +470,23 @@ def test_bodies_put_into_each_other_stay_slow_and_finite(mode, other, distance):
         assert np.linalg.norm(after) >= np.linalg.norm(before)
 
 
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('distance', [0.1, 0.2, 0.4])
+def test_balls_put_deep_into_each_other_come_apart(mode, distance):
+    one, two = body(name='one', mode=mode), body(name='two', mode=mode)
+    world = floating(one, changed(two, position=(distance, 0.0, 0.0)), h=1 / 240)
+    world.step(240)
+    assert centre(world, 'two')[0] - centre(world, 'one')[0] > 0.9
+
+
+def test_elasticity_of_two_is_the_geometric_mean():
+    one, two = shared(mesh='box', mode='rigid', friction=0.0)
+    world = floating(changed(one, elasticity=0.25), changed(two, elasticity=1.0), h=H)
+    before = momentum(world, 'one')[0]
+    world.step(30)
+    assert momentum(world, 'one')[0] == pytest.approx(-0.5 * before, abs=1e-4)
+
+
 # ------------------------------------------------------------------------------------------ fuzz
 SURFACES = {**OPEN, 'bin': MESHES['bin']}
 logarithms = st.floats(-1.5, 1.5).map(lambda exponent: 10.0**exponent)

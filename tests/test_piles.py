@@ -154,7 +154,7 @@ def test_bodies_keep_the_distance_of_both_their_thicknesses(mode):
         body('box', name=name, mode=mode, position=(0.0, 0.0, z), stiffness=0.8, thickness=t)
         for name, z, t in (('low', 0.53, 0.02), ('high', 1.6, 0.03))
     )
-    world = on_the_ground(low, high, h=1 / 240)
+    world = on_the_ground(low, high)
     assert asleep(world, 10.0)
     x = {name: world.positions(name)[:, 2] for name in world.names}
     assert x['low'].min() == pytest.approx(0.02, abs=2e-3)
