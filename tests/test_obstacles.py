@@ -19,6 +19,7 @@ from softbody_ros.core import (
     World,
     WorldConfig,
     contact,
+    make_surface,
     obstacles,
 )
 from softbody_ros.core.gains import make_gains
@@ -355,3 +356,31 @@ def test_a_world_with_a_fast_plate_goes_on_bit_by_bit_after_a_restore():
     world.restore(snapshot)
     world.step(10)
     assert bytes_of(world) == expected
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('kind', ['sphere', 'capsule', 'cylinder', 'box', 'mesh'])
+def test_a_finger_pushes_a_coarse_ball_and_does_not_get_in_between_its_vertices(kind, mode):
+    size = (0.02, 0.02, 0.02) if kind in ('sphere', 'box', 'mesh') else (0.02, 0.02, 0.1)
+    mesh = 'box' if kind == 'mesh' else ''
+    # towards the middle of a face
+    surface = make_surface('icosphere', 0.5, 1)
+    middle = surface.vertices[surface.faces].mean(axis=1)
+    out = middle[np.argmin(middle[:, 0])] / np.linalg.norm(middle[np.argmin(middle[:, 0])])
+    finger = ObstacleConfig(
+        name='finger',
+        type=kind,
+        mesh=mesh,
+        subdivisions=0,
+        size=size,
+        position=0.7 * out,
+        velocity_linear=-0.5 * out,
+    )
+    world = world_of((body(mode=mode, friction=0.5),), finger, gravity=0.0, h=1 / 120)
+    deepest = 0.0
+    for _ in range(120):
+        world.step()
+        fit, place = world.rigid_fit('body'), world.obstacles[0].position
+        deepest = max(deepest, 0.5 - np.linalg.norm(place - fit.position))
+    assert centre(world) @ -out > 0.1
+    assert deepest < 0.2

@@ -30,7 +30,6 @@ from softbody_ros.core.stops import stopped_bodies
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.touch import Touches
 
-ROUNDING = 1e-12
 LEAST_GRIP = 0.1
 """Support, as the sum of squared cosines, below which a load is not divided any further."""
 
@@ -58,7 +57,7 @@ def meet(
     if touching is None:
         return
     crowd, tick = touching[0], flights[0].tick
-    meeting, energy = make_meeting(*touching), crowd.kinetic_energy()
+    meeting = make_meeting(*touching)
     carried = carried_weight(meeting, tick.gravity, tick.h)
     lift = meeting.twist_by(carried)
     stops = stopped_bodies(meeting, crowd.twist + lift, obstacles, tick.gravity, tick.h)
@@ -74,8 +73,6 @@ def meet(
     impulses = along[:, None] * meeting.normal + pushes.friction
     impulses += pushes.normal[:, None] * meeting.normal
     part(meeting, impulses, stops.from_obstacles, pressed=lift[:, :3] / tick.h)
-    if not crowd.twist[~np.isfinite(crowd.mass)].any():
-        calm(crowd, energy)
 
 
 # -------------------------------------------------------------------------------------- detection
@@ -287,32 +284,3 @@ def part(
         flight.motion.take(rows, RigidMotion(centre, wanted, about, now.inverse_inertia))
         flight.particles.received[rows] += received[own]
         flight.particles.pressed[rows] += pressed[own]
-
-
-def calm(crowd: Crowd, energy: float) -> None:
-    """
-    Take from the deformation what kinetic energy, J, bodies have more than before they met.
-
-    Moving particles out of each other changes the inertia under the angular momentum.
-    """
-    rigid_energy, total = 0.0, 0.0
-    for source in crowd.sources:
-        rows, flight, rest = source.rows, source.flight, source.flight.tick.rest
-        mass, motion = crowd.mass[source.bodies], flight.motion
-        v = flight.particles.v[rows]
-        total += 0.5 * mass @ weighted(np.einsum('bij,bij->bj', v, v), rest.weights)
-        square = np.einsum('bi,bi->b', motion.velocity[rows], motion.velocity[rows])
-        square += np.einsum('bi,bi->b', motion.spin[rows], motion.angular_velocity[rows])
-        rigid_energy += 0.5 * mass @ square
-    if total <= energy * (1.0 + ROUNDING):
-        return
-    kept = np.sqrt(np.clip((energy - rigid_energy) / (total - rigid_energy), 0.0, 1.0))
-    for source in crowd.sources:
-        rows, particles, motion = source.rows, source.flight.particles, source.flight.motion
-        rigid = rigid_motion.field(
-            particles.x[rows],
-            motion.centre[rows],
-            motion.velocity[rows],
-            motion.angular_velocity[rows],
-        )
-        particles.v[rows] = rigid + kept * (particles.v[rows] - rigid)

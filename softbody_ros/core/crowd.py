@@ -164,11 +164,6 @@ class Crowd:
         """(C,) float: of the bodies as wholes, 1/kg; none of one that pins do not let move."""
         return np.einsum('cii->c', self.mobility[:, :3, :3]) / 3.0
 
-    def kinetic_energy(self) -> float:
-        """Return that of all particles that give way, J."""
-        weight = 1.0 / np.where(self.lightness > 0.0, self.lightness, np.inf)
-        return 0.5 * float(weight @ np.einsum('ij,ij->i', self.v, self.v))
-
     def field(self, twist: np.ndarray, particle: np.ndarray | slice = ALL) -> np.ndarray:
         """Return the velocities (n, 3) that rigid motions (C, 6) give to particles."""
         body = self.body[particle]
