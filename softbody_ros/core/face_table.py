@@ -46,7 +46,8 @@ class FaceTable:
         """Return (k,) int: the face of the cell that each point (k, 3), m, is in, or next to."""
         scaled = (points.T - self.origin[:, None]) * (1.0 / self.cell)
         _, rows, columns = self.shape
-        x, y, z = np.clip(scaled, 0.0, (self.shape - 1)[:, None]).astype(np.int64)
+        # unlike clip, these make a number of what is none
+        x, y, z = np.fmax(np.fmin(scaled, (self.shape - 1)[:, None]), 0.0).astype(np.int64)
         return self.face[(x * rows + y) * columns + z]
 
 

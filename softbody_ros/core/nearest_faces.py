@@ -169,7 +169,8 @@ class NearestFaces:
     def _cells(self, points: np.ndarray) -> np.ndarray:
         scaled = (points.T - self.origin[:, None]) * (1.0 / self.cell)
         _, rows, columns = self.shape
-        x, y, z = np.clip(scaled, 0.0, (self.shape - 1)[:, None]).astype(np.int64)
+        # unlike clip, these make a number of what is none
+        x, y, z = np.fmax(np.fmin(scaled, (self.shape - 1)[:, None]), 0.0).astype(np.int64)
         return (x * rows + y) * columns + z
 
     def _from_centres(self, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
