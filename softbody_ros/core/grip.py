@@ -160,12 +160,12 @@ class Grip:
         self._relative = csr_array((values.ravel(), place.ravel(), ends), shape=shape)
         rigid = crowd.rigid[crowd.body[self._particle]]
         self.some_rigid = bool(rigid.any())
-        self._lightness = np.where(rigid, 0.0, crowd.lightness[self._particle])
+        lightness = np.where(rigid, 0.0, crowd.lightness[self._particle])
         touched = np.bincount(place.ravel(), minlength=shape[1])
         square = csr_array((values.ravel() ** 2, place.ravel(), ends), shape=shape)
-        self._soft_stiffness = square @ (self._lightness * touched)
+        self._soft_stiffness = square @ (lightness * touched)
         self._spread = self._relative.T.tocsr()
-        self._spread.data *= np.repeat(self._lightness, np.diff(self._spread.indptr))
+        self._spread.data *= np.repeat(lightness, np.diff(self._spread.indptr))
         # few places: one small dense product is several times faster than two sparse ones
         few = count**2 <= BLOCK
         self._coupling = (self._relative @ self._spread).toarray() if few else None
@@ -182,8 +182,7 @@ class Grip:
         self._arms = [meeting.point - crowd.centre[body] for body in sides]
         # (3 k, 6 C): what twists do to relative velocities
         blocks = [
-            sign
-            * np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), _turns(arms)], axis=2)
+            sign * rigid_motion.jacobian(arms)
             for sign, arms in zip((1.0, -1.0), self._arms, strict=True)
         ]
         rows = np.broadcast_to(np.arange(3 * count).reshape(-1, 3, 1), (count, 3, 6))
@@ -243,11 +242,3 @@ class Grip:
     def _rigid_twist(self, impulse: np.ndarray) -> np.ndarray:
         total = (self._twists.T @ impulse.ravel()).reshape(-1, 6)
         return rigid_motion.applied(self._mobility, total)
-
-
-def _turns(arms: np.ndarray) -> np.ndarray:
-    """Return the matrices (k, 3, 3) that make of an angular velocity the velocity at arms."""
-    result = np.zeros((len(arms), 3, 3))
-    result[:, [0, 1, 2], [1, 2, 0]] = arms[:, [2, 0, 1]]
-    result[:, [0, 1, 2], [2, 0, 1]] = -arms[:, [1, 2, 0]]
-    return result

@@ -79,11 +79,9 @@ class Pins:
         (6, 6) float
 
         """
-        turns = np.cross(np.eye(3), arms[:, None, :]).transpose(0, 2, 1)
-        moves = np.broadcast_to(np.eye(3), turns.shape)
         values, vectors = np.linalg.eigh(mobility)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        felt = np.concatenate([moves, turns], axis=2).reshape(-1, 6) @ root
+        felt = rigid_motion.jacobian(arms).reshape(-1, 6) @ root
         _, free = pseudo_inverse(felt.T @ felt)
         return root @ free @ root.T
 
@@ -217,16 +215,13 @@ def _least_motion(
     """Return the translation and rotation vector that take away the misfit (3, m) of the pins."""
     # a turn is counted in the way of a particle at the RMS radius: a length, too
     arms = (x[:, pin.particle].T - centre) / rest.scale
-    turns = np.cross(np.eye(3), arms[:, None, :]).transpose(0, 2, 1)
-    moves = np.broadcast_to(np.eye(3), turns.shape)
-    jacobian = np.concatenate([moves, turns], axis=2).reshape(-1, 6)
     energy = np.eye(6)
     energy[3:, 3:] = rigid_motion.inertia(x[None], centre[None], rest)[0] / rest.scale**2
     # motions of kinetic energy 1: of those that the pins leave free, none
     values, vectors = np.linalg.eigh(energy)
     turning = values > RANK_CUT  # a rod does not turn about itself
     motions = vectors[:, turning] / np.sqrt(values[turning])
-    felt = jacobian @ motions
+    felt = rigid_motion.jacobian(arms).reshape(-1, 6) @ motions
     inverse, _ = pseudo_inverse(felt.T @ felt)
     motion = motions @ (inverse @ (felt.T @ misfit.T.ravel()))
     return motion[:3], motion[3:] / rest.scale

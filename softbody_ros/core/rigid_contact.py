@@ -14,7 +14,7 @@ from softbody_ros.core import rigid_motion
 from softbody_ros.core.contact import Contacts, find, joined, nearby
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.sums import weighted
-from softbody_ros.core.tick import SLOW_TICKS, Particles, Tick
+from softbody_ros.core.tick import Particles, Tick
 
 PUSH_OUT_ROUNDS = 3
 """A body between several obstacles is moved out of each so many times."""
@@ -96,8 +96,7 @@ def _impulses(
     # what gravity has added since the deepest particle touched must not bounce
     fallen = np.max(-2.0 * (contacts.normal @ weight) * contacts.depth)
     impact = np.sqrt(np.maximum(speed**2 - fallen, 0.0))
-    slow = SLOW_TICKS * tick.h * float(np.linalg.norm(weight))
-    wanted = np.where(speed < -slow, gains.elasticity[body] * impact, 0.0)
+    wanted = np.where(speed < -tick.slow(weight), gains.elasticity[body] * impact, 0.0)
     rubbed = _coulomb if gains.coulomb[body] else _viscous
     friction = np.zeros(6)
     # friction tips a body over its contacts and the contacts carry the friction: take turns
@@ -123,12 +122,7 @@ def _coulomb(
 ) -> np.ndarray:
     """Return the motion after friction impulses of at most μ λ at each particle."""
     planes = [np.linalg.svd(normal[None])[2][1:] for normal in contacts.normal]
-    rows = np.stack(
-        [
-            plane @ np.hstack([np.eye(3), np.cross(arm, np.eye(3))])
-            for plane, arm in zip(planes, arms, strict=True)
-        ]
-    )
+    rows = np.stack(planes) @ rigid_motion.jacobian(arms)
     surface = np.einsum('kij,kj->ki', np.stack(planes), contacts.surface_velocity)
     bound = friction * impulse
     # does it stick?
@@ -161,7 +155,7 @@ def _viscous(
     """Return the motion without its share of the sliding velocity at the centre of pressure."""
     share = impulse / max(impulse.sum(), 1e-300)
     normal = share @ contacts.normal
-    row = np.hstack([np.eye(3), np.cross(share @ arms, np.eye(3))])
+    row = rigid_motion.jacobian(share @ arms)
     velocity = row @ motion - share @ contacts.surface_velocity
     velocity -= (velocity @ normal) * normal
     speed = np.linalg.norm(velocity)

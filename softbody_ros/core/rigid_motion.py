@@ -104,6 +104,19 @@ def field(
     return result
 
 
+def jacobian(arms: np.ndarray) -> np.ndarray:
+    """
+    Return what twists do at arms (…, 3) from the centre: matrices (…, 3, 6).
+
+    A twist is the velocity of the centre and the angular velocity: v + ω × arm.
+    """
+    result = np.zeros((*arms.shape, 6))
+    result[..., [0, 1, 2], [0, 1, 2]] = 1.0
+    result[..., [0, 1, 2], [4, 5, 3]] = arms[..., [2, 0, 1]]
+    result[..., [0, 1, 2], [5, 3, 4]] = -arms[..., [1, 2, 0]]
+    return result
+
+
 def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return the products (…, i) of tensors (…, i, j) with vectors (…, j)."""
     return np.matmul(tensor, vectors[..., None])[..., 0]

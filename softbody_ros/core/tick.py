@@ -81,7 +81,6 @@ class Tick:
     gravity: np.ndarray
     h: float
 
-    @property
-    def slow(self) -> float:
-        """Speed up to which nothing bounces, m/s."""
-        return SLOW_TICKS * self.h * float(np.linalg.norm(self.gravity))
+    def slow(self, acceleration: np.ndarray) -> float:
+        """Return the speed, m/s, up to which nothing bounces under an acceleration (3,), m/s²."""
+        return SLOW_TICKS * self.h * float(np.linalg.norm(acceleration))
