@@ -118,16 +118,17 @@ def test_bounds_of_distances_hold(name):
     points = points_around(surface)
     distance, _ = grid.distance(points)
     true = np.copysign(distance_from_all(surface, points), distance)
-    low, high = grid.origin + grid.cell, grid.origin + grid.cell * (grid.shape - 1)
+    cells = grid.grid
+    low, high = cells.origin + cells.cell, cells.origin + cells.cell * (cells.shape - 1)
     within = np.all((low <= points) & (points <= high), axis=1)
     assert np.all(np.abs(distance[within]) >= np.abs(true[within]) - 1e-12)
     assert np.all(np.abs(distance[within]) <= np.abs(true[within]) + grid.diagonal)
     assert np.all(grid.at_least(distance) <= true + 1e-12)
     assert np.all(distance[~within] <= true[~within] + 1e-12)
-    limit = np.full(len(points), 0.5 * grid.cell)
+    limit = np.full(len(points), 0.5 * grid.grid.cell)
     clear = grid.is_clear(points, limit)
     assert clear.any()
-    assert np.all(true[clear] > 0.5 * grid.cell)
+    assert np.all(true[clear] > 0.5 * grid.grid.cell)
 
 
 @pytest.mark.parametrize('name', ['torus', 'needles', 'CAD'])
@@ -140,7 +141,7 @@ def test_a_table_has_the_face_that_is_about_nearest(name):
     known = np.all((low <= points) & (points <= high), axis=1)
     square = nearest_faces(surface).triangles.closest(points[known].T, face[known])[0]
     # the centre of a cell is half a diagonal away, and has the face of a sample near to it
-    slack = (3**0.5 + 0.5) * table.cell
+    slack = (3**0.5 + 0.5) * table.grid.cell
     assert np.all(np.sqrt(square) <= distance_from_all(surface, points[known]) + slack)
 
 

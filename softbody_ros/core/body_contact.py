@@ -17,11 +17,12 @@ import dataclasses
 import numpy as np
 
 from softbody_ros.core import contact, rigid_motion, touch
-from softbody_ros.core.boxes import Boxes, joined
+from softbody_ros.core.boxes import Boxes, distances
+from softbody_ros.core.columns import joined, summed
 from softbody_ros.core.crowd import Crowd, Fixed, Source, make_crowd
 from softbody_ros.core.dynamics import Flight
 from softbody_ros.core.grip import Pushes, collide
-from softbody_ros.core.meeting import Meeting, between, make_meeting, summed
+from softbody_ros.core.meeting import Meeting, between, make_meeting
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.point_obstacles import NO_POINTS, PointObstacles
 from softbody_ros.core.rigid_motion import RigidMotion
@@ -147,8 +148,7 @@ def _close(found: Boxes, obstacles: Sequence[Obstacle]) -> np.ndarray:
         return np.zeros(0, dtype=bool)
     centre = np.array([obstacle.position for obstacle in obstacles])[:, None]
     radius = np.array([obstacle.radius for obstacle in obstacles])
-    gap = np.maximum(np.maximum(found.low - centre, centre - found.high), 0.0)
-    return np.einsum('ijk,ijk->ij', gap, gap).min(axis=1) < radius**2
+    return distances(found.low, found.high, centre).min(axis=1) < radius
 
 
 # ----------------------------------------------------------------------------- bodies as wholes
@@ -169,9 +169,7 @@ def carried_weight(meeting: Meeting, gravity: np.ndarray, h: float) -> np.ndarra
     """
     pair, depth = meeting.pair, meeting.depth
     load = loads(meeting, gravity) / meeting.reduced_mass
-    softness = np.maximum(contact.SINKAGE * meeting.scale, 4.0 * load * h**2)
-    spring = load * -np.expm1(-depth / softness)
-    damping = 2.0 * np.sqrt(load / softness)
+    spring, damping = contact.support(load, depth, meeting.scale, h)
     pressure = meeting.sunk / np.where(depth > 0.0, depth, 1.0)[pair]
     # a damper at each place: it calms rocking, too
     speeds = meeting.speeds(meeting.crowd.twist)

@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from softbody_ros.core.columns import ranges
 
 
 @dataclass(frozen=True)
@@ -30,16 +31,6 @@ class Boxes:
     piece: np.ndarray
 
 
-def joined(parts: Sequence[Boxes]) -> Boxes:
-    """Return the boxes of several batches as one."""
-    return Boxes(
-        np.concatenate([part.low for part in parts]),
-        np.concatenate([part.high for part in parts]),
-        np.concatenate([part.body for part in parts]),
-        np.concatenate([part.piece for part in parts]),
-    )
-
-
 def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the pairs of boxes that overlap: (p,) int and (p,) int, the first before the second.
@@ -52,7 +43,7 @@ def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarr
     behind = np.arange(len(low)) + 1
     count = np.maximum(np.searchsorted(low[:, axis], high[:, axis]) - behind, 0)
     first = np.repeat(behind - 1, count)
-    second = ragged(behind, count)
+    second = ranges(behind, count)
     meet = np.ones(len(first), dtype=bool)
     for other in {0, 1, 2} - {axis}:
         meet &= low[first, other] < high[second, other]
@@ -63,10 +54,10 @@ def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return first[sorted_pairs], second[sorted_pairs]
 
 
-def ragged(start: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Return start[0] … start[0] + count[0] − 1, start[1] … one after the other."""
-    begin = np.cumsum(count) - count
-    return np.arange(count.sum()) + np.repeat(start - begin, count)
+def distances(low: np.ndarray, high: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Return how far points (…, 3) are outside of boxes with corners (…, 3), (…), m."""
+    gap = np.maximum(low - point, point - high)
+    return np.linalg.norm(np.maximum(gap, 0.0), axis=-1)
 
 
 def inside_boxes(
@@ -96,12 +87,12 @@ def inside_boxes(
     point : (k,) int
 
     """
-    ranges = np.arange(len(count))
-    values = x.ravel()[np.repeat(axis, count) + 3 * ragged(start, count)]
-    kept = values > np.repeat(low[ranges, axis], count)
-    kept &= values < np.repeat(high[ranges, axis], count)
+    number = np.arange(len(count))
+    values = x.ravel()[np.repeat(axis, count) + 3 * ranges(start, count)]
+    kept = values > np.repeat(low[number, axis], count)
+    kept &= values < np.repeat(high[number, axis], count)
     kept = np.flatnonzero(kept)
-    owner = np.repeat(ranges, count)[kept]
+    owner = np.repeat(number, count)[kept]
     begin = np.cumsum(count) - count
     point = kept + (start - begin)[owner]
     inside = ((x[point] > low[owner]) & (x[point] < high[owner])).all(axis=1)

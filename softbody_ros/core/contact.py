@@ -18,7 +18,8 @@ from functools import cached_property
 
 import numpy as np
 
-from softbody_ros.core import rigid_motion
+from softbody_ros.core import boxes, rigid_motion
+from softbody_ros.core.columns import summed
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
@@ -135,12 +136,6 @@ def find(
     return Contacts(body, particle, normal, depth, velocity, swept).where(depth > 0.0)
 
 
-def joined(parts: Sequence[Contacts]) -> Contacts:
-    """Return the contacts with several obstacles as one."""
-    names = [item.name for item in dataclasses.fields(Contacts)]
-    return Contacts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-
 def _closest(
     points: np.ndarray, obstacle: Obstacle, thickness: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -233,8 +228,7 @@ def nearby(
     high = np.maximum(particles.x.max(axis=2), particles.start.max(axis=2))
     position = np.array([obstacle.position for obstacle in obstacles])
     reach = np.array([obstacle.radius for obstacle in obstacles])
-    gap = np.maximum(low - position[:, None], position[:, None] - high)
-    distance = np.linalg.norm(np.maximum(gap, 0.0), axis=2)
+    distance = boxes.distances(low, high, position[:, None])
     for index, obstacle in enumerate(obstacles):
         if obstacle.before is not None:
             centre, rotation = obstacle.before
@@ -425,14 +419,29 @@ def carried_weight(patch: Patch, sunk: np.ndarray, weight: np.ndarray, tick: Tic
     depth = patch.mean(sunk)
     heaviness = -np.einsum('ij,ij->i', patch.contacts.normal, weight[body])
     load = patch.mean(np.maximum(heaviness, 0.0))
-    softness = np.maximum(SINKAGE * tick.rest.scale, 4.0 * load * h**2)
-    spring = load * -np.expm1(-depth / softness)
-    damping = 2.0 * np.sqrt(load / softness)
+    spring, damping = support(load, depth, tick.rest.scale, h)
     # implicit: the damper sees the speed after the push, which at rest is zero
     force = (spring - damping * patch.speed) / (1.0 + damping * h)
     push = h * np.minimum(np.maximum(force, 0.0), load)
     pressure = sunk / np.where(depth > 0.0, depth, 1.0)[body]
     return push[body] * patch.share * pressure
+
+
+def support(
+    load: np.ndarray, depth: np.ndarray, scale: float | np.ndarray, h: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the spring, m/s², and the damping, 1/s, that carry loads, m/s², at depths, m.
+
+    The spring gives at most the load; the damping is critical.
+    """
+    softness = np.maximum(SINKAGE * scale, 4.0 * load * h**2)
+    return load * -np.expm1(-depth / softness), 2.0 * np.sqrt(load / softness)
+
+
+def settling_speed(gravity: np.ndarray, scale: float | np.ndarray) -> float | np.ndarray:
+    """Return the speed, m/s, of bodies that settle under a gravity (3,): a fall by `SINKAGE`."""
+    return np.sqrt(max(float(np.linalg.norm(gravity)), 1e-300) * SINKAGE * scale)
 
 
 def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
@@ -457,8 +466,7 @@ def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
 
     """
     # fades out at the speeds of a body that settles, whose weight must be carried in full
-    gravity = max(float(np.linalg.norm(tick.gravity)), 1e-300)
-    settling = np.sqrt(gravity * SINKAGE * tick.rest.scale)
+    settling = settling_speed(tick.gravity, tick.rest.scale)
     # the speed halfway through the push, so that the turn of the motion is found at any step
     given = _per_body(patch.weight * push, patch.contacts.body, len(patch.speed))
     leaving = np.clip((patch.speed + 0.5 * given) / settling - SETTLED, 0.0, 1.0)
@@ -525,5 +533,4 @@ def _per_body(values: np.ndarray, body: np.ndarray, bodies: int) -> np.ndarray:
         return values.sum(axis=0, keepdims=True)
     if values.ndim == 1:
         return np.bincount(body, values, bodies)
-    columns = [np.bincount(body, column, bodies) for column in values.T]
-    return np.stack(columns, axis=-1)
+    return summed(values, body, bodies)

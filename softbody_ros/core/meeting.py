@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from softbody_ros.core import contact, rigid_motion
+from softbody_ros.core.columns import summed
 from softbody_ros.core.crowd import Crowd
 from softbody_ros.core.touch import Touches
 
@@ -91,9 +92,8 @@ class Meeting:
         return 0.5 * (1.0 + elasticity) * np.sqrt(bounciness)
 
     def settling(self, gravity: np.ndarray) -> np.ndarray:
-        """Return the speeds (p,) at which restitution fades out, m/s: of bodies that settle."""
-        magnitude = max(float(np.linalg.norm(gravity)), 1e-300)
-        return np.sqrt(magnitude * contact.SINKAGE * self.scale)
+        """Return the speeds (p,) at which restitution fades out, m/s."""
+        return np.asarray(contact.settling_speed(gravity, self.scale))
 
     @cached_property
     def sunk(self) -> np.ndarray:
@@ -155,11 +155,6 @@ def make_meeting(crowd: Crowd, touches: Touches) -> Meeting:
         share=weight / np.bincount(pair, weight, len(keys))[pair],
         point=crowd.x[touches.particle],
     )
-
-
-def summed(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Return the sums (count, j) of values (k, j) by group, in a fixed order."""
-    return np.stack([np.bincount(group, column, count) for column in values.T], axis=1)
 
 
 def between(values: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarray:

@@ -26,6 +26,8 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
+from softbody_ros.core.columns import ranges, summed
+from softbody_ros.core.grid import Grid, grid_around
 from softbody_ros.core.mesh import MeshError, Surface
 
 FEWEST_CELLS, MOST_CELLS = 16, 64
@@ -56,12 +58,8 @@ class NearestFaces:
     triangles : Triangles
     low, high : (3,) float
         bounding box of the surface, m
-    origin : (3,) float
-        corner of the grid, m
-    cell : float
-        edge length of a cell, m
-    shape : (3,) int
-        cells per axis, with a border of one cell that has no faces
+    grid : Grid
+        with a border of one cell that has no faces
     first : (N + 1,) int
         where the faces of each cell begin in `faces`
     faces : (k,) int
@@ -78,9 +76,7 @@ class NearestFaces:
     triangles: Triangles
     low: np.ndarray
     high: np.ndarray
-    origin: np.ndarray
-    cell: float
-    shape: np.ndarray
+    grid: Grid
     first: np.ndarray
     faces: np.ndarray
     bound: np.ndarray
@@ -100,7 +96,7 @@ class NearestFaces:
     @property
     def diagonal(self) -> float:
         """Of a cell, m."""
-        return 3**0.5 * self.cell
+        return 3**0.5 * self.grid.cell
 
     @property
     def exact_to(self) -> float:
@@ -114,7 +110,7 @@ class NearestFaces:
 
     def is_clear(self, points: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """Return (k,) bool: points surely not nearer than distances (k,); a quick test."""
-        cells = self._cells(points)
+        cells = self.grid.cells(points)
         return self.level[cells] - self._from_centres(points, cells) > distance
 
     @cached_property
@@ -126,7 +122,7 @@ class NearestFaces:
         """
         corners = np.stack([0.0 * self.triangles.ab, self.triangles.ab, self.triangles.ac])
         corners = (self.triangles.corner + corners).transpose(2, 0, 1)
-        pieces, face = _split(corners, 1.5 * self.cell)
+        pieces, face = _split(corners, 1.5 * self.grid.cell)
         points, outwards = pieces.mean(axis=1), self.triangles.pseudonormals[face, 0]
         depth = self.exact_to
         for _ in range(HALVINGS):
@@ -151,7 +147,7 @@ class NearestFaces:
             m
 
         """
-        cells = self._cells(points)
+        cells = self.grid.cells(points)
         count = self.first[cells + 1] - self.first[cells]
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))
         within = count > 0
@@ -166,24 +162,17 @@ class NearestFaces:
             normal[beyond] = offset / distance[beyond, None]
         return distance, normal
 
-    def _cells(self, points: np.ndarray) -> np.ndarray:
-        scaled = (points.T - self.origin[:, None]) * (1.0 / self.cell)
-        _, rows, columns = self.shape
-        # unlike clip, these make a number of what is none
-        x, y, z = np.fmax(np.fmin(scaled, (self.shape - 1)[:, None]), 0.0).astype(np.int64)
-        return (x * rows + y) * columns + z
-
     def _from_centres(self, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
         """Return the distances (k,) of points (k, 3) from the centres of cells (k,), m."""
-        place = np.stack(np.unravel_index(cells, self.shape))
-        offset = points.T - self.origin[:, None] - self.cell * (place + 0.5)
+        place = np.stack(np.unravel_index(cells, self.grid.shape))
+        offset = points.T - self.grid.origin[:, None] - self.grid.cell * (place + 0.5)
         return np.sqrt(_dot(offset, offset))
 
     def _distance_within(
         self, points: np.ndarray, cells: np.ndarray, count: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         places = points.T
-        entry = _ranges(self.first[cells], count)
+        entry = ranges(self.first[cells], count)
         # most cannot be nearer than the first one is: bounds are from the centre of the cell
         nearest = np.sqrt(self.triangles.closest(places, self.nearest_face[cells])[0])
         reach = nearest + self._from_centres(points, cells)
@@ -329,13 +318,13 @@ def make_triangles(surface: Surface) -> Triangles:
     ends = np.sort(edges, axis=2).astype(np.int64)
     _, edge = np.unique(ends[..., 0] * len(vertices) + ends[..., 1], return_inverse=True)
     edge = edge.reshape(-1)
-    of_edges = _added(edge, np.repeat(normal, 3, axis=0), edge.max() + 1)[edge]
+    of_edges = summed(np.repeat(normal, 3, axis=0), edge, edge.max() + 1)[edge]
 
     sides = _units(np.stack([b - a, c - b, a - c], axis=1))
     cosines = -np.einsum('fsi,fsi->fs', sides, np.roll(sides, 1, axis=1))
     angles = np.arccos(np.clip(cosines, -1.0, 1.0))
     weighted = angles[..., None] * normal[:, None]
-    of_vertices = _added(faces.ravel(), weighted.reshape(-1, 3), len(vertices))[faces]
+    of_vertices = summed(weighted.reshape(-1, 3), faces.ravel(), len(vertices))[faces]
 
     pseudonormals = np.concatenate(
         [normal[:, None], of_edges.reshape(-1, 3, 3), of_vertices], axis=1
@@ -361,10 +350,8 @@ def _built(surface: Surface) -> NearestFaces:
     typical_edge = np.sqrt(4 / 3**0.5 * area / len(corners))
     longest = (high - low).max()
     cell = float(np.clip(typical_edge, longest / MOST_CELLS, longest / FEWEST_CELLS))
-    inner = np.ceil((high - low) / cell).astype(np.int64) + 2 * MARGIN
-    origin = (low + high - inner * cell) / 2
-    axes = [origin[axis] + cell * (0.5 + np.arange(inner[axis])) for axis in range(3)]
-    centres = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, 3)
+    grid = grid_around(low, high, cell, MARGIN)
+    centres = grid.centres()
 
     search = Samples(corners, 1.5 * cell)
     diagonal = 3**0.5 * cell
@@ -390,9 +377,9 @@ def _built(surface: Surface) -> NearestFaces:
         ]
     )
     level[~near] = np.copysign(np.inf, level[~near])
-    level = _same_in_each_part(np.clip(level, -diagonal, diagonal).reshape(inner))
+    level = _same_in_each_part(np.clip(level, -diagonal, diagonal).reshape(grid.shape))
 
-    padded_count = np.pad(count.reshape(inner), 1).ravel()
+    padded_count = np.pad(count.reshape(grid.shape), 1).ravel()
     first = np.concatenate([[0], np.cumsum(padded_count)])
     nearest_face = np.full(len(padded_count), -1, dtype=np.int32)
     nearest_face[padded_count > 0] = first_face
@@ -400,9 +387,7 @@ def _built(surface: Surface) -> NearestFaces:
         triangles,
         low,
         high,
-        origin - cell,
-        cell,
-        inner + 2,
+        grid.with_border(),
         first,
         faces,
         bound,
@@ -503,17 +488,6 @@ def _same_in_each_part(level: np.ndarray) -> np.ndarray:
 # ------------------------------------------------------------------------------------- arithmetic
 def _blocks(values: np.ndarray) -> list[np.ndarray]:
     return [values[start : start + BLOCK] for start in range(0, len(values), BLOCK)]
-
-
-def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Return first[0], first[0] + 1, … (count[0] of them), first[1], …."""
-    start = np.cumsum(count) - count
-    return np.arange(count.sum()) + np.repeat(first - start, count)
-
-
-def _added(index: np.ndarray, vectors: np.ndarray, size: int) -> np.ndarray:
-    """Return (size, 3): the sums of vectors (k, 3) that have the same index (k,)."""
-    return np.stack([np.bincount(index, column, size) for column in vectors.T], axis=1)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -11,7 +11,8 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.contact import Contacts, find, joined, nearby
+from softbody_ros.core.columns import joined
+from softbody_ros.core.contact import Contacts, find, nearby
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import Particles, Tick

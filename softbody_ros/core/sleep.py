@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from softbody_ros.core import contact
+from softbody_ros.core import boxes, contact
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.pins import Pins
@@ -124,8 +124,7 @@ def stirred(low: np.ndarray, high: np.ndarray, obstacles: Sequence[Obstacle]) ->
     result = np.zeros(len(low), dtype=bool)
     for obstacle in obstacles:
         if obstacle.moves:
-            gap = np.maximum(low - obstacle.position, obstacle.position - high)
-            distance = np.linalg.norm(np.maximum(gap, 0.0), axis=1)
+            distance = boxes.distances(low, high, obstacle.position)
             speed = np.linalg.norm(obstacle.config.velocity_linear)
             result |= distance <= obstacle.radius + speed * WATCH
     return result

@@ -17,8 +17,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from softbody_ros.core import contact, rigid_motion
+from softbody_ros.core.columns import summed
 from softbody_ros.core.crowd import Crowd
-from softbody_ros.core.meeting import Meeting, summed
+from softbody_ros.core.meeting import Meeting
 from softbody_ros.core.obstacles import Obstacle
 
 DEEPEST = 0.1

@@ -11,13 +11,13 @@ So the surface that is met is the deformed one, at the cost of looking up a rigi
 from __future__ import annotations
 
 from collections.abc import Sequence
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
 from softbody_ros.core import rigid_motion
 from softbody_ros.core.boxes import Boxes, inside_boxes, overlapping
+from softbody_ros.core.columns import joined
 from softbody_ros.core.crowd import Crowd, Source
 from softbody_ros.core.skin import Skin
 
@@ -164,10 +164,7 @@ def find(
         mine = np.flatnonzero(source_of == index)
         if len(mine) and source.skin.closed:
             parts.append(_inside_faces(crowd, source, found, particle[mine], box[mine]))
-    if not parts:
-        return NONE
-    names = [item.name for item in dataclasses.fields(Touches)]
-    return Touches(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return joined(parts) if parts else NONE
 
 
 def _ranges(crowd: Crowd, found: Boxes, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

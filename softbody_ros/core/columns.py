@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Lists that are kept as columns: joined, made of ranges, summed by group."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+from typing import Any, TypeVar
+
+import numpy as np
+
+Columns = TypeVar('Columns', bound=Any)
+
+
+def joined(parts: Sequence[Columns]) -> Columns:
+    """Return dataclasses of arrays, at least one, as one: column by column."""
+    names = [item.name for item in dataclasses.fields(parts[0])]
+    columns = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+    return type(parts[0])(*columns)
+
+
+def ranges(start: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return start[0], start[0] + 1, … (count[0] of them), start[1], …."""
+    begin = np.cumsum(count) - count
+    return np.arange(count.sum()) + np.repeat(start - begin, count)
+
+
+def summed(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """Return the sums (count, j) of values (k, j) by group (k,), in a fixed order."""
+    return np.stack([np.bincount(group, column, count) for column in values.T], axis=1)
