@@ -14,6 +14,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 import trimesh
 
+from softbody_ros.core.columns import summed
+
 PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
 FILE_TYPES = ('stl', 'obj', 'ply', 'off', 'glb')
 LARGEST_FILE = 1 << 30
@@ -60,6 +62,21 @@ class Surface:
         """Whether the triangles enclose a volume: every edge has two faces, alike in winding."""
         mesh = trimesh.Trimesh(self.vertices, self.faces, process=False, validate=False)
         return bool(len(self.faces) and mesh.is_watertight and mesh.is_winding_consistent)
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """
+    Return the sums (n, 3) of the normals of each vertex's faces, as long as twice their areas.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+    faces : (m, 3) int
+
+    """
+    a, b, c = vertices[faces.T]
+    normals = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    return summed(normals, faces.ravel(), len(vertices))
 
 
 def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:

@@ -35,10 +35,9 @@ class PointObstacles:
     def __len__(self) -> int:
         return len(self.points)
 
-    def within(self, low: np.ndarray, high: np.ndarray, margin: float) -> np.ndarray:
-        """Return the points (j, 3) whose spheres come nearer than a margin, m, to a box."""
-        reach = self.radius + margin
-        inside = (self.points >= low - reach) & (self.points <= high + reach)
+    def within(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Return the points (j, 3) whose spheres come into a box."""
+        inside = (self.points >= low - self.radius) & (self.points <= high + self.radius)
         return self.points[inside.all(axis=1)]
 
     def inside(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

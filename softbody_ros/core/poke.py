@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core import rigid_motion
+from softbody_ros.core.mesh import vertex_normals
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.sums import weighted
 
@@ -69,12 +70,7 @@ def outwards(
 ) -> np.ndarray:
     """Return the mean normal (3,) of particles by share that face as the first of them does."""
     nearest = int(share.argmax())
-    normals = np.zeros_like(x)
-    corners = x.T[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    for corner in range(3):
-        for axis in range(3):
-            normals[axis] += np.bincount(faces[:, corner], across[:, axis], x.shape[1])
+    normals = vertex_normals(x.T, faces).T
     # a thin plate has its other side within the radius too
     facing = normals[:, nearest] @ normals > 0.0
     normal = normals @ (share * facing)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from softbody_ros.core.face_table import FaceTable, make_face_table
+from softbody_ros.core.mesh import vertex_normals
 from softbody_ros.core.regions import Regions
 from softbody_ros.core.rest_shape import RestShape
 
@@ -23,47 +24,87 @@ class Skin:
     """
     The surface of a shape, in the P pieces whose posture is known: its regions, or the whole.
 
-    Each particle and each face belongs to one piece.
+    Each particle and each face belongs to one piece. What is derived is made when it is needed.
 
     Attributes
     ----------
     rest : RestShape
-    order : (n,) int
-        the particles, piece by piece
-    first : (P + 1,) int
-        where in `order` each piece begins
-    corners : (m, 3) int
-        of the faces, as places in `order`
-    piece_of_face : (m,) int
-    covered, covered_first : (c,), (P,) int
-        particles of each piece and at corners of its faces, and where each piece begins
-    normals : (n, 3) float
-        of the surface at the particles in `order`, in the rest shape; zero for one without faces
-    strangers : (P, P) bool
-        pieces of one body that may touch each other: no particle belongs to both, nor has a face
-        of both
+    regions : Regions or None
 
     """
 
     rest: RestShape
-    order: np.ndarray
-    first: np.ndarray
-    corners: np.ndarray
-    piece_of_face: np.ndarray
-    covered: np.ndarray
-    covered_first: np.ndarray
-    normals: np.ndarray
-    strangers: np.ndarray
+    regions: Regions | None
 
     @property
     def pieces(self) -> int:
         """Number of pieces, P."""
-        return len(self.strangers)
+        return self.regions.count if self.regions else 1
 
     @property
     def closed(self) -> bool:
         """Whether it has an inside, which others can be kept out of."""
         return self.rest.surface.closed
+
+    @cached_property
+    def _home(self) -> np.ndarray:
+        if self.regions is None:
+            return np.zeros(self.rest.particle_count, dtype=np.int64)
+        return self.regions.home
+
+    @cached_property
+    def order(self) -> np.ndarray:
+        """(n,) int: the particles, piece by piece."""
+        return np.argsort(self._home, kind='stable')
+
+    @cached_property
+    def first(self) -> np.ndarray:
+        """(P + 1,) int: where in `order` each piece begins."""
+        return np.searchsorted(self._home[self.order], np.arange(self.pieces + 1))
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """(m, 3) int: of the faces, as places in `order`."""
+        place = np.empty(self.rest.particle_count, dtype=np.int64)
+        place[self.order] = np.arange(len(place))
+        return place[self.rest.surface.faces]
+
+    @cached_property
+    def piece_of_face(self) -> np.ndarray:
+        """(m,) int."""
+        return self._home[self.rest.surface.faces[:, 0]]
+
+    @cached_property
+    def covered(self) -> tuple[np.ndarray, np.ndarray]:
+        """(c,) int: particles of pieces and of corners of their faces; (P,) int: their begins."""
+        faces, count = self.rest.surface.faces, self.rest.particle_count
+        piece = np.concatenate([self._home, np.repeat(self.piece_of_face, 3)])
+        particle = np.concatenate([np.arange(count), faces.ravel()])
+        piece, particle = np.divmod(np.unique(piece * count + particle), count)
+        return particle, np.searchsorted(piece, np.arange(self.pieces))
+
+    @cached_property
+    def strangers(self) -> np.ndarray:
+        """
+        (P, P) bool: pieces of one body that may touch each other.
+
+        No particle belongs to both, nor has a face of both.
+        """
+        if self.regions is None:
+            return np.zeros((1, 1), dtype=bool)
+        particle, first = self.covered
+        count = self.rest.particle_count
+        ends = np.append(first, len(particle))
+        covers = csr_array((np.ones(len(particle)), particle, ends), (self.pieces, count)).T
+        belongs = covers + self.regions.belongs
+        return (belongs.T @ belongs).toarray() == 0.0
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """(n, 3) float: of the surface at the particles in `order`; zero where there is none."""
+        total = vertex_normals(self.rest.surface.vertices, self.rest.surface.faces)[self.order]
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        return total / np.where(length > 0.0, length, 1.0)
 
     @cached_property
     def table(self) -> FaceTable:
@@ -86,50 +127,3 @@ class Skin:
         """Make the table now, not when something first comes near: it takes a while."""
         if self.closed:
             _ = self.table
-
-
-def make_skin(rest: RestShape, regions: Regions | None) -> Skin:
-    """Return the skin of a shape that is matched as a whole, or in regions."""
-    faces, count = rest.surface.faces, rest.particle_count
-    pieces = 1 if regions is None else regions.count
-    home = np.zeros(count, dtype=np.int64) if regions is None else regions.home
-    order = np.argsort(home, kind='stable')
-    place = np.empty(count, dtype=np.int64)
-    place[order] = np.arange(count)
-    piece_of_face = home[faces[:, 0]]
-    of_piece = np.concatenate([home, np.repeat(piece_of_face, 3)]) * count
-    piece, covered = np.divmod(
-        np.unique(of_piece + np.concatenate([np.arange(count), faces.ravel()])), count
-    )
-    strangers = np.zeros((1, 1), dtype=bool)
-    if regions is not None:
-        covers = csr_array((np.ones(len(piece)), (covered, piece)), shape=(count, pieces))
-        belongs = covers + regions.belongs
-        strangers = (belongs.T @ belongs).toarray() == 0.0
-    return Skin(
-        rest=rest,
-        order=order,
-        first=np.searchsorted(home[order], np.arange(pieces + 1)),
-        corners=place[faces],
-        piece_of_face=piece_of_face,
-        covered=covered,
-        covered_first=np.searchsorted(piece, np.arange(pieces)),
-        normals=_normals(rest)[order],
-        strangers=strangers,
-    )
-
-
-def _normals(rest: RestShape) -> np.ndarray:
-    """Return the normals (n, 3) of the surface at the particles: means of those of the faces."""
-    vertices, faces = rest.surface.vertices, rest.surface.faces
-    a, b, c = vertices[faces.T]
-    double_area = np.cross(b - a, c - a)
-    total = np.stack(
-        [
-            np.bincount(faces.ravel(), np.repeat(axis, 3), rest.particle_count)
-            for axis in double_area.T
-        ],
-        axis=1,
-    )
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return total / np.where(length > 0.0, length, 1.0)

@@ -50,9 +50,10 @@ def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, number: np.ndarray) -> 
     if skin.pieces == 1:
         low, high = x.min(axis=2)[:, None], x.max(axis=2)[:, None]
     else:
-        covered = x[..., skin.covered]
-        low = np.minimum.reduceat(covered, skin.covered_first, axis=2).swapaxes(1, 2)
-        high = np.maximum.reduceat(covered, skin.covered_first, axis=2).swapaxes(1, 2)
+        particle, first = skin.covered
+        covered = x[..., particle]
+        low = np.minimum.reduceat(covered, first, axis=2).swapaxes(1, 2)
+        high = np.maximum.reduceat(covered, first, axis=2).swapaxes(1, 2)
     wide = (margin + SLACK * skin.rest.scale)[:, None, None]
     return Boxes(
         (low - wide).reshape(-1, 3).astype(np.float64),

@@ -41,7 +41,7 @@ from softbody_ros.core.pins import Pins, make_pins, pinned_particles
 from softbody_ros.core.point_obstacles import PointObstacles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
-from softbody_ros.core.skin import make_skin
+from softbody_ros.core.skin import Skin
 from softbody_ros.core.sleep import Stillness
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import SimulationError
@@ -140,7 +140,7 @@ class World:
             for names, rest in zip(self._members, self._rests, strict=True)
         ]
         self._skins = [
-            make_skin(rest, parts) for rest, parts in zip(self._rests, self._regions, strict=True)
+            Skin(rest, parts) for rest, parts in zip(self._rests, self._regions, strict=True)
         ]
         if len(config.bodies) > 1:
             for skin in self._skins:
@@ -227,7 +227,7 @@ class World:
         """Look which bodies have come to rest: those get zero velocities."""
         if not any(watched.awake.any() for watched in self._watched):
             return
-        there, points = self._obstacles + self._outside.obstacles, self._outside.points
+        there, points = self.obstacles, self._outside.points
         still = [obstacle for obstacle in there if not obstacle.moves]
         fall = 0.5 * float(np.linalg.norm(self.gravity)) * self.config.time_step**2
         way, lies = [], []
@@ -253,7 +253,7 @@ class World:
         """Wake sleepers that something comes near to: those who are awake, moving obstacles."""
         if all(watched.awake.all() for watched in self._watched):
             return
-        there = self._obstacles + self._outside.obstacles
+        there = self.obstacles
         moving = any(obstacle.moves for obstacle in there)
         if moving or any(watched.awake.any() for watched in self._watched):
             low, high = self._boxes()
@@ -262,7 +262,7 @@ class World:
 
     def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return corners (C, 3) of boxes around all bodies, batch by batch, m."""
-        corners = []
+        corners = [(np.zeros((0, 3)), np.zeros((0, 3)))]
         for batch, gains in zip(self._batches, self._gains, strict=True):
             reach = (gains.thickness + sleep.QUIET * batch.rest.scale)[:, None]
             corners.append((batch.x.min(axis=2) - reach, batch.x.max(axis=2) + reach))
@@ -398,13 +398,9 @@ class World:
     def set_points(self, points: PointObstacles) -> None:
         """Let other points be in the way, instead of those before."""
         before, self._outside = self._outside.points, self._outside.with_points(points)
-        for name, (batch, row) in self._place.items():
-            state = self._batches[batch]
-            x = state.x[row]
-            box = x.min(axis=1), x.max(axis=1)
-            margin = self.body_config(name).thickness + sleep.QUIET * state.rest.scale
-            near = points.within(*box, margin)
-            if not np.array_equal(near, before.within(*box, margin)):
+        # bodies in the same order as their boxes: batch by batch
+        for name, low, high in zip(self._place, *self._boxes(), strict=True):
+            if not np.array_equal(points.within(low, high), before.within(low, high)):
                 self._wake(name)
 
     def apply_wrench(
