@@ -20,7 +20,14 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softbody_ros.core.config import LARGEST, ObstacleConfig, WorldConfig, settings, unknown_name
+from softbody_ros.core.config import (
+    LARGEST,
+    ObstacleConfig,
+    WorldConfig,
+    in_brackets,
+    settings,
+    unknown_name,
+)
 from softbody_ros.core.outside import MOST_GUESTS, Placement, Removal
 from softbody_ros.core.point_obstacles import NO_POINTS, PointObstacles, thinned
 
@@ -115,25 +122,25 @@ def _obstacle(
 ) -> ObstacleConfig:
     """Return an obstacle; those that are sent again and again are made once."""
     if not all(abs(value) <= LARGEST for value in position):
-        raise InputError(f'position is {_shown(position)}: it must be within ±{LARGEST:g} m')
+        raise InputError(f'position is {in_brackets(position)}: it must be within ±{LARGEST:g} m')
     length = math.hypot(*orientation)
     if not 1e-6 < length < math.inf:
         raise InputError(
-            f'orientation is {_shown(orientation)}: give a quaternion x y z w of length 1, for '
-            'example [0, 0, 0, 1]'
+            f'orientation is {in_brackets(orientation)}: give a quaternion x y z w of length 1, '
+            'for example [0, 0, 0, 1]'
         )
     low, high = 2.0 * (_SIZE.minimum or 0.0), 2.0 * (_SIZE.maximum or math.inf)
     if not all(low <= value <= high for value in scale):
         raise InputError(
-            f'scale is {_shown(scale)}: these are full lengths, each must be from {low:g} to '
+            f'scale is {in_brackets(scale)}: these are full lengths, each must be from {low:g} to '
             f'{high:g} m'
         )
     if kind in ROUND:
         diameters = scale[: len(ROUND[kind].split())]
         if max(diameters) - min(diameters) > UNEQUAL * max(diameters):
             raise InputError(
-                f'scale is {_shown(scale)}: its {ROUND[kind]} are diameters and must be equal, '
-                'nothing elliptic is supported'
+                f'scale is {in_brackets(scale)}: its {ROUND[kind]} are diameters and must be '
+                'equal, nothing elliptic is supported'
             )
     return ObstacleConfig(
         name='marker',
@@ -290,7 +297,7 @@ def gravity(message: Vector3Stamped, frame_id: str) -> tuple[float, ...]:
     vector = _vector('vector', message.vector, largest, 'm/s²')
     if math.hypot(*vector) > largest:
         raise InputError(
-            f'vector is {_shown(vector)}: its length must be at most {largest:g} m/s²'
+            f'vector is {in_brackets(vector)}: its length must be at most {largest:g} m/s²'
         )
     return vector
 
@@ -308,12 +315,10 @@ def require_frame(given: str, frame_id: str) -> None:
 def _vector(name: str, vector: Any, largest: float, unit: str) -> tuple[float, ...]:
     values = (float(vector.x), float(vector.y), float(vector.z))
     if not all(abs(value) <= largest for value in values):
-        raise InputError(f'{name} is {_shown(values)}: each must be within ±{largest:g} {unit}')
+        raise InputError(
+            f'{name} is {in_brackets(values)}: each must be within ±{largest:g} {unit}'
+        )
     return values
-
-
-def _shown(values: Sequence[float]) -> str:
-    return '[' + ', '.join(f'{value:g}' for value in values) + ']'
 
 
 def _quoted(text: str) -> str:

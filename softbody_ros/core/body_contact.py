@@ -276,8 +276,7 @@ def part(
         held = crowd.pinned[own, None]
         wanted = np.where(held, now.velocity, velocity[own])
         about = np.where(held, now.spin, about)
-        turn = rigid_motion.applied(now.inverse_inertia, about - now.spin)
-        v += rigid_motion.field(x, centre, wanted - now.velocity, turn)
+        v += rigid_motion.correction(x, now, wanted, about)
         flight.particles.v[rows] = v
         flight.motion.take(rows, RigidMotion(centre, wanted, about, now.inverse_inertia))
         flight.particles.received[rows] += received[own]

@@ -9,7 +9,7 @@ ROS parameters, their descriptors and the README table are all derived from it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 import dataclasses
 from dataclasses import dataclass
 import difflib
@@ -153,6 +153,11 @@ def _shown(value: Any) -> str:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return '[' + ', '.join(_shown(item) for item in value) + ']'
     return repr(value)
+
+
+def in_brackets(values: Iterable[float]) -> str:
+    """Return numbers for a sentence."""
+    return '[' + ', '.join(f'{value:g}' for value in values) + ']'
 
 
 def unknown_name(name: str, known: Sequence[str]) -> str:

@@ -126,8 +126,6 @@ class Crowd:
         velocity of the centre of mass, m/s, and angular velocity, rad/s
     spin : (C, 3) float
         angular momentum about the centre of mass per mass, m²/s
-    inverse_inertia : (C, 3, 3) float
-        times mass, 1/m²
 
     """
 
@@ -154,7 +152,6 @@ class Crowd:
     centre: np.ndarray
     twist: np.ndarray
     spin: np.ndarray
-    inverse_inertia: np.ndarray
 
     def __len__(self) -> int:
         return len(self.mass)
@@ -254,7 +251,6 @@ def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> C
         centre=centre,
         twist=twist,
         spin=spin,
-        inverse_inertia=inverse_inertia,
     )
 
 

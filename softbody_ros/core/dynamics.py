@@ -250,6 +250,5 @@ def restore_momentum(
     for row in pinned:
         if not tick.gains.rigid[row]:
             velocity[row], spin[row] = present.velocity[row], present.spin[row]
-    angular_velocity = rigid_motion.applied(present.inverse_inertia, spin - present.spin)
-    v += rigid_motion.field(x, centre, velocity - present.velocity, angular_velocity)
+    v += rigid_motion.correction(x, present, velocity, spin)
     return RigidMotion(centre, velocity, spin, present.inverse_inertia)

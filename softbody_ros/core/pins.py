@@ -23,7 +23,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.config import BodyConfig, ConfigError
+from softbody_ros.core.config import BodyConfig, ConfigError, in_brackets
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RANK_CUT, RestShape, make_rest_shape, pseudo_inverse
 from softbody_ros.core.sums import weighted
@@ -145,15 +145,12 @@ def pinned_particles(body: BodyConfig, rest: RestShape) -> np.ndarray:
         inside = inside.all(axis=1)
         chosen |= inside
         if not inside.any():
+            low, high = in_brackets(vertices.min(axis=0)), in_brackets(vertices.max(axis=0))
             raise ConfigError(
                 f'{body.prefix}pins.box is {list(body.pins_box)}: no vertex is inside, the mesh '
-                f'reaches from {_point(vertices.min(axis=0))} to {_point(vertices.max(axis=0))} m'
+                f'reaches from {low} to {high} m'
             )
     return np.flatnonzero(chosen)
-
-
-def _point(values: np.ndarray) -> str:
-    return '[' + ', '.join(f'{value:g}' for value in values) + ']'
 
 
 def hold(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> None:

@@ -117,6 +117,18 @@ def jacobian(arms: np.ndarray) -> np.ndarray:
     return result
 
 
+def correction(
+    x: np.ndarray, present: RigidMotion, velocity: np.ndarray, spin: np.ndarray
+) -> np.ndarray:
+    """
+    Return the velocities (B, 3, n) that bring a motion to a velocity and a spin (B, 3).
+
+    Momentum and angular momentum are then the wanted ones, exactly.
+    """
+    angular_velocity = applied(present.inverse_inertia, spin - present.spin)
+    return field(x, present.centre, velocity - present.velocity, angular_velocity)
+
+
 def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return the products (…, i) of tensors (…, i, j) with vectors (…, j)."""
     return np.matmul(tensor, vectors[..., None])[..., 0]
