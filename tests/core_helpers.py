@@ -6,6 +6,7 @@ import dataclasses
 from importlib.resources import files
 
 import numpy as np
+import pytest
 import trimesh
 
 from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
@@ -165,3 +166,16 @@ def frequency_and_decay(amplitudes, h):
     eigenvalue = (trace + np.sqrt(complex(trace**2 + 4 * minus_square))) / 2
     rate = np.log(eigenvalue) / h
     return abs(rate.imag), -rate.real
+
+
+def assert_as_if_alone(bodies, ticks):
+    """Step bodies of one batch together, and each by itself: they must move alike."""
+    together = World(WorldConfig(bodies=tuple(bodies)))
+    assert len(together._batches) == 1
+    together.step(ticks)
+    for config in bodies:
+        alone = World(WorldConfig(bodies=(config,)))
+        alone.step(ticks)
+        assert together.positions(config.name) == pytest.approx(
+            alone.positions(config.name), abs=1e-12
+        )

@@ -8,6 +8,7 @@ import math
 
 from core_helpers import (
     apart,
+    assert_as_if_alone,
     body,
     bytes_of,
     centre,
@@ -570,15 +571,7 @@ def test_the_pins_of_one_body_do_not_change_another_of_its_batch(mode, neighbour
         BodyConfig(name='b', mesh=BALL, **{'position': (3.0, 0.0, 0.6)} | neighbour),
         BodyConfig(name='c', mesh=BALL, mode=mode, position=(6.0, 0.0, 2.0), pins_indices=(7,)),
     )
-    together = World(WorldConfig(bodies=bodies))
-    assert len(together._batches) == 1
-    together.step(60)
-    for config in bodies:
-        alone = World(WorldConfig(bodies=(config,)))
-        alone.step(60)
-        assert together.positions(config.name) == pytest.approx(
-            alone.positions(config.name), abs=1e-12
-        )
+    assert_as_if_alone(bodies, 60)
 
 
 def test_a_pinned_body_is_held_while_another_of_its_batch_sleeps():

@@ -9,6 +9,7 @@ import math
 from core_helpers import (
     angular_momentum,
     apart,
+    assert_as_if_alone,
     body,
     bytes_of,
     cloud,
@@ -442,16 +443,7 @@ def bodies_of_one_shape():
 
 
 def test_bodies_of_one_batch_move_as_if_alone():
-    bodies = bodies_of_one_shape()
-    together = World(WorldConfig(bodies=tuple(bodies)))
-    assert len(together._batches) == 1
-    together.step(120)
-    for config in bodies:
-        alone = World(WorldConfig(bodies=(config,)))
-        alone.step(120)
-        assert together.positions(config.name) == pytest.approx(
-            alone.positions(config.name), abs=1e-12
-        )
+    assert_as_if_alone(bodies_of_one_shape(), 120)
 
 
 def test_bodies_with_other_regions_keep_theirs():
