@@ -485,7 +485,7 @@ def test_no_damping_and_no_step_let_an_oscillation_grow():
                 s, k = (
                     share * gain * (1.0 - followed * beta)
                     for gain, beta in zip(
-                        (gains.position, gains.velocity), gains.deformation, strict=True
+                        gains.pull * [[1.0], [h]], gains.deformation, strict=True
                     )
                 )
                 trace = 1.0 - s + gains.kept_velocity - k

@@ -20,6 +20,7 @@ import numpy as np
 
 from softbody_ros.core import boxes, rigid_motion
 from softbody_ros.core.columns import summed
+from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
@@ -243,7 +244,7 @@ def nearby(
 # -------------------------------------------------------------------------------------- deformable
 def meet(
     particles: Particles,
-    goals: np.ndarray,
+    match: Match,
     motion: RigidMotion,
     obstacles: Sequence[Obstacle],
     tick: Tick,
@@ -255,8 +256,8 @@ def meet(
     ----------
     particles : Particles
         changed in place
-    goals : (B, 3, n) float
-        where the particles want to be, m
+    match : Match
+        where the particles want to be
     motion : RigidMotion
         of the bodies before
     obstacles : sequence of Obstacle
@@ -282,7 +283,7 @@ def meet(
                     particles.x, particles.v, motion.centre, tick.rest
                 )
             patch = make_patch(particles.x, contacts, motion, tick.rest)
-            sunk = depth_of_goals(particles.x, contacts, obstacle, goals, tick)
+            sunk = depth_of_goals(particles.x, contacts, obstacle, match, tick)
             _respond(particles, patch, sunk, tick)
             near, changed = nearby(particles, obstacles, thickness), True
             if not contacts.swept.any():
@@ -377,11 +378,11 @@ def make_patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: Res
 
 
 def depth_of_goals(
-    x: np.ndarray, contacts: Contacts, obstacle: Obstacle, goals: np.ndarray, tick: Tick
+    x: np.ndarray, contacts: Contacts, obstacle: Obstacle, match: Match, tick: Tick
 ) -> np.ndarray:
     """Return (k,): how deep the goals of touching particles lie in the obstacle, m, or 0."""
     body, particle = contacts.body, contacts.particle
-    goal = goals[body, :, particle]
+    goal = match.goals_of(body, particle)
     distance, normal = obstacle.distance((goal - obstacle.position) @ obstacle.rotation)
     depth = tick.gains.thickness[body] - distance
     # behind a thin wall goals are as deep as if it were thick

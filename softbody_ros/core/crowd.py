@@ -224,7 +224,7 @@ def make_crowd(sources: Sequence[Source], fixed: Sequence[Fixed], h: float) -> C
         v=np.concatenate([*particles('v'), *velocities]),
         start=np.concatenate([*particles('start'), *ends]),
         goals=np.concatenate(
-            [*(each.listed(each.flight.match.goals[1]) for each in sources), *points]
+            [*(each.listed(each.flight.match.goals) for each in sources), *points]
         ),
         lightness=1.0 / (mass[body] * shares),
         mass=mass,

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softbody_ros.core import contact, goals, matching, pins, rigid_contact, rigid_motion
+from softbody_ros.core.basis import POSITION, VELOCITY, Basis, functions, make_basis, row_of_one
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
@@ -35,7 +36,7 @@ class Batch:
     rest : RestShape
     regions : Regions or None
         K regions, none for bodies that are matched as wholes
-    x, v : (B, 3, n) float
+    particles : (B, 6, n) float
         positions, m, and velocities, m/s
     plastic : (B, 1 + K, 3, 3) float or None
         permanent stretches, None where nothing has ever become permanent
@@ -44,51 +45,65 @@ class Batch:
         per mass, m/s² and m²/s²
     reaction : (B, 2, 3) float
         force, m/s², and torque about the centre of mass, m²/s², of all contacts, per mass
-    next_x, next_v, next_plastic, next_reaction
+    next_particles, next_plastic, next_reaction
         where a tick is computed; `World` swaps them in once all batches have succeeded
+    functions : (B, C, n) float
+        room for the functions of a `Basis`
 
     """
 
     rest: RestShape
     regions: Regions | None
-    x: np.ndarray
-    v: np.ndarray
+    particles: np.ndarray
     plastic: np.ndarray | None = None
     push: np.ndarray | None = None
     reaction: np.ndarray = field(init=False)
-    next_x: np.ndarray = field(init=False)
-    next_v: np.ndarray = field(init=False)
+    next_particles: np.ndarray = field(init=False)
     next_plastic: np.ndarray | None = field(init=False, default=None)
     next_reaction: np.ndarray = field(init=False)
+    functions: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.next_x, self.next_v = np.empty_like(self.x), np.empty_like(self.v)
-        self.reaction = self.next_reaction = np.zeros((len(self.x), 2, 3))
+        self.next_particles = np.empty_like(self.particles)
+        self.reaction = self.next_reaction = np.zeros((len(self.particles), 2, 3))
+        self.functions = np.empty((0, 0, 0))
+
+    def __len__(self) -> int:
+        return len(self.particles)
+
+    @property
+    def x(self) -> np.ndarray:
+        """(B, 3, n) float: positions, m."""
+        return self.particles[:, POSITION]
+
+    @property
+    def v(self) -> np.ndarray:
+        """(B, 3, n) float: velocities, m/s."""
+        return self.particles[:, VELOCITY]
 
     def part(self, rows: np.ndarray) -> Batch:
         """Return copies of some of the bodies, given as indices."""
         plastic = None if self.plastic is None else self.plastic[rows]
         push = None if self.push is None else self.push[rows]
-        return Batch(self.rest, self.regions, self.x[rows], self.v[rows], plastic, push)
+        return Batch(self.rest, self.regions, self.particles[rows], plastic, push)
 
     def take(self, part: Batch, rows: np.ndarray) -> None:
         """Let the computed tick be that of a part for its rows, and no change for the others."""
-        self.next_x[:], self.next_v[:] = self.x, self.v
-        self.next_x[rows], self.next_v[rows] = part.next_x, part.next_v
+        self.next_particles[:] = self.particles
+        self.next_particles[rows] = part.next_particles
         self.next_reaction = self.reaction.copy()
         self.next_reaction[rows] = part.next_reaction
         self.next_plastic = self.plastic
         if part.next_plastic is not None:
             before = self.plastic
             self.next_plastic = (
-                goals.intact(len(self.x), self.regions) if before is None else before.copy()
+                goals.intact(len(self), self.regions) if before is None else before.copy()
             )
             self.next_plastic[rows] = part.next_plastic
 
     def swap(self) -> None:
         """Make the computed tick the current one."""
-        self.x, self.next_x = self.next_x, self.x
-        self.v, self.next_v = self.next_v, self.v
+        self.particles, self.next_particles = self.next_particles, self.particles
         self.plastic, self.reaction = self.next_plastic, self.next_reaction
 
 
@@ -147,38 +162,50 @@ def fly(
 
     """
     tick = Tick(batch.rest, batch.regions, gains, gravity, h)
-    particles = predict(batch, tick)
-    match = goals.find(particles, pinned, tick)
-    damp(particles, match.centre, tick)
-    momentum = rigid_motion.momentum(particles.x, particles.v, match.centre, tick.rest)
-    pull(particles, match, tick)
-    motion = restore_momentum(particles, match.centre, momentum, pinned, tick)
-    return Flight(batch, particles, match, motion, pinned, tick)
+    basis = predict(batch, tick)
+    match = goals.find(basis, batch.plastic, pinned, tick)
+    particles = damp(basis, basis.particles, tick)
+    momentum = rigid_motion.momentum(basis, particles)
+    particles = pull(particles, match, tick)
+    particles, motion = restore_momentum(basis, particles, momentum, pinned, tick)
+    basis.evaluate(particles, batch.next_particles)
+    return Flight(batch, moved(batch), match, motion, pinned, tick)
 
 
 def land(flight: Flight, obstacles: Sequence[Obstacle]) -> None:
     """Let bodies meet the obstacles and their pins: that completes their tick."""
     particles, tick = flight.particles, flight.tick
-    contact.meet(particles, flight.match.goals[1], flight.motion, obstacles, tick)
+    contact.meet(particles, flight.match, flight.motion, obstacles, tick)
     rigid_contact.meet(particles, obstacles, tick)
     pins.hold(particles, flight.pinned, tick)
     flight.batch.next_plastic = flight.match.plastic
     flight.batch.next_reaction = particles.received / tick.h
 
 
-def predict(batch: Batch, tick: Tick) -> Particles:
-    """Return the particles as they are without their bodies: x + h v + h² a / 2, v + h a."""
-    x, v, h = batch.next_x, batch.next_v, tick.h
+def predict(batch: Batch, tick: Tick) -> Basis:
+    """Move particles as if they had no bodies: x + h v + h² a / 2, v + h a."""
+    rest, h, features = tick.rest, tick.h, tick.gains.features
+    one = row_of_one(tick.regions is not None)
+    if batch.functions.shape[:2] != (len(batch), one + 1 + features):
+        batch.functions = functions(len(batch), rest, features, one)
+    x, v = batch.functions[:, POSITION], batch.functions[:, VELOCITY]
+    origin = batch.x[..., 0].astype(np.float64)
     np.multiply(batch.v, h, out=x)
     x += batch.x
-    x += (0.5 * h**2 * tick.gravity).astype(x.dtype)[:, None]
+    x += (0.5 * h**2 * tick.gravity - origin).astype(x.dtype)[..., None]
     np.add(batch.v, (h * tick.gravity).astype(v.dtype)[:, None], out=v)
     if batch.push is not None:
         acceleration = pushed(batch, batch.push, tick)
         v += h * acceleration
         acceleration *= 0.5 * h**2
         x += acceleration
-    return Particles(x, v, start=batch.x, plastic=batch.plastic)
+    return make_basis(rest, batch.functions, one, origin)
+
+
+def moved(batch: Batch) -> Particles:
+    """Return the particles where they have moved to."""
+    following = batch.next_particles
+    return Particles(following[:, POSITION], following[:, VELOCITY], start=batch.x)
 
 
 def pushed(batch: Batch, push: np.ndarray, tick: Tick) -> np.ndarray:
@@ -198,57 +225,60 @@ def pushed(batch: Batch, push: np.ndarray, tick: Tick) -> np.ndarray:
     return rigid_motion.field(halfway, centre, both[:, 0], turn)
 
 
-def damp(particles: Particles, centre: np.ndarray, tick: Tick) -> None:
-    """Take a share of the velocity of deformation, which is all but the rigid motion."""
-    x, v, kept = particles.x, particles.v, tick.gains.kept_velocity
-    if (kept >= 1.0).all():
-        return
-    motion = rigid_motion.rigid_motion(x, v, centre, tick.rest)
-    rigid = rigid_motion.field(x, centre, motion.velocity, motion.angular_velocity)
-    v -= rigid
-    v *= kept.astype(v.dtype)[:, None, None]
-    v += rigid
+def damp(basis: Basis, particles: np.ndarray, tick: Tick) -> np.ndarray:
+    """
+    Take a share of the velocity of deformation, which is all but the rigid motion.
+
+    Here and below particles are given by their coefficients (B, 6, C) in the basis.
+    """
+    kept = tick.gains.kept_velocity
+    if not tick.gains.damps:
+        return particles
+    motion = rigid_motion.of_particles(basis, particles)
+    rigid = rigid_motion.combination(
+        basis, particles, motion.centre, motion.velocity, motion.angular_velocity
+    )
+    damped = rigid + kept[:, None, None] * (particles[:, VELOCITY] - rigid)
+    return np.concatenate([particles[:, POSITION], damped], axis=1)
 
 
-def pull(particles: Particles, match: Match, tick: Tick) -> None:
+def pull(particles: np.ndarray, match: Match, tick: Tick) -> np.ndarray:
     """
     Move positions and velocities towards their goals: x += s (g − x), v += k (g − x) / h.
 
     What has strayed is critically damped, so that it does not swing from one such state to
     another.
     """
-    x, v, gains = particles.x, particles.v, tick.gains
-    for_positions, for_velocities = match.goals
-    position = gains.position + match.strayed * (gains.critical[0] - gains.position)
-    velocity = gains.velocity + match.strayed * (gains.critical[1] - gains.velocity)
-    change = for_velocities - x
-    change *= (velocity / tick.h).astype(x.dtype)[:, None, None]
-    v += change
-    np.subtract(for_positions, x, out=change)
-    change *= position.astype(x.dtype)[:, None, None]
-    x += change
-    if gains.rigid.any():
+    gains, bodies = tick.gains, len(particles)
+    gain = gains.pull + match.strayed * (gains.critical - gains.pull)
+    both = particles.reshape(bodies, 2, 3, -1)
+    both = both + gain.T[:, :, None, None] * (match.coefficients - both[:, :1])
+    if gains.any_rigid:
         # nothing deforms: no velocity but what the momentum will add
-        v[gains.rigid] = 0.0
+        both[gains.rigid, 1] = 0.0
+    return both.reshape(particles.shape)
 
 
 def restore_momentum(
-    particles: Particles,
-    centre: np.ndarray,
+    basis: Basis,
+    particles: np.ndarray,
     momentum: tuple[np.ndarray, np.ndarray],
     pinned: Mapping[int, Pins],
     tick: Tick,
-) -> RigidMotion:
+) -> tuple[np.ndarray, RigidMotion]:
     """
     Add the rigid motion that brings momentum and angular momentum back, and return the whole.
 
     The pull conserves angular momentum to first order only: moving the particles by s (g − x)
     changes the inertia under their velocities. Pins, which push back, are to change both.
     """
-    x, v, (velocity, spin) = particles.x, particles.v, momentum
-    present = rigid_motion.rigid_motion(x, v, centre, tick.rest)
+    present, (velocity, spin) = rigid_motion.of_particles(basis, particles), momentum
     for row in pinned:
         if not tick.gains.rigid[row]:
             velocity[row], spin[row] = present.velocity[row], present.spin[row]
-    v += rigid_motion.correction(x, present, velocity, spin)
-    return RigidMotion(centre, velocity, spin, present.inverse_inertia)
+    turn = rigid_motion.applied(present.inverse_inertia, spin - present.spin)
+    particles[:, VELOCITY] += rigid_motion.combination(
+        basis, particles, present.centre, velocity - present.velocity, turn
+    )
+    centre = basis.origin + present.centre
+    return particles, RigidMotion(centre, velocity, spin, present.inverse_inertia)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 import math
 
 import numpy as np
@@ -58,15 +59,15 @@ class Gains:
     """
     What the parameters of B bodies mean for one tick.
 
-    Every array is (B,), but `critical`, `deformation` and `volume_conservation` are (2, B): for
-    positions and for velocities.
+    Every array is (B,), but `pull`, `critical`, `deformation` and `volume_conservation` are
+    (2, B): for positions and for velocities.
 
     The modes that a goal follows feel the stiffness (1 − β) α_s, the others α_s. For both to keep
     their frequency at any step, the goals of positions and of velocities each get the β that
     makes s · (1 − β_s) and k · (1 − β_k) the exact gains of the stiffness (1 − β) α_s. At the
     reference step without damping β_k = β, as published.
 
-    `position` and `velocity` are s and k, `critical` what they are at critical damping.
+    `pull` is s and k / h, `critical` what they are at critical damping.
     `kept_velocity` is the share of the deformation's velocity that `damping` leaves, `creeping`
     the share of a strain that becomes permanent, `whole_body` the weight of the match of the
     whole body beside its regions.
@@ -74,8 +75,7 @@ class Gains:
 
     rigid: np.ndarray
     quadratic: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
+    pull: np.ndarray
     critical: np.ndarray
     deformation: np.ndarray
     volume_conservation: np.ndarray
@@ -91,10 +91,36 @@ class Gains:
     largest_strain: np.ndarray
     whole_body: np.ndarray
 
-    @property
+    # asked in every tick: the gains of a batch stay the same for many
+    @cached_property
     def features(self) -> int:
         """Number of features that the richest mode among the bodies needs."""
         return QUADRATIC if self.quadratic.any() else LINEAR
+
+    @cached_property
+    def all_quadratic(self) -> bool:
+        """Whether all bodies are quadratic."""
+        return bool(self.quadratic.all())
+
+    @cached_property
+    def any_rigid(self) -> bool:
+        """Whether some bodies are rigid."""
+        return bool(self.rigid.any())
+
+    @cached_property
+    def all_rigid(self) -> bool:
+        """Whether all bodies are rigid."""
+        return bool(self.rigid.all())
+
+    @cached_property
+    def damps(self) -> bool:
+        """Whether some velocity of a deformation is taken."""
+        return bool((self.kept_velocity < 1.0).any())
+
+    @cached_property
+    def creeps(self) -> bool:
+        """Whether some deformation can become permanent."""
+        return bool(self.creeping.any())
 
     def of(self, bodies: np.ndarray) -> Gains:
         """Return the gains of some of the bodies, given as a mask or as indices."""
@@ -138,9 +164,8 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
     return (
         body.mode == 'rigid',
         body.mode == 'quadratic',
-        s,
-        k,
-        critical,
+        (s, k / step),
+        (critical[0], critical[1] / step),
         (beta_s, beta_k),
         (conserved_s, conserved_k),
         body.elasticity,

@@ -9,18 +9,20 @@ so the pull towards it has a potential, and a body left alone comes to rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from softbody_ros.core import matching, plasticity, regions
+from softbody_ros.core import matching, plasticity, regions, rigid_motion
+from softbody_ros.core.basis import POSITION, REGIONS, Basis
+from softbody_ros.core.gains import Gains
 from softbody_ros.core.pins import Pins
 from softbody_ros.core.regions import RegionMatch, Regions
-from softbody_ros.core.rest_shape import LINEAR
-from softbody_ros.core.sums import weighted
-from softbody_ros.core.tick import Particles, SimulationError, Tick
+from softbody_ros.core.rest_shape import LINEAR, RestShape
+from softbody_ros.core.sums import mapped, sums
+from softbody_ros.core.tick import SimulationError, Tick
 
 LARGEST_MOMENT = 1e100
 """Beyond it squares leave the finite numbers."""
@@ -33,100 +35,219 @@ class Match:
 
     Attributes
     ----------
-    centre : (B, 3) float
-        centre of mass, m
-    goals : (2, B, 3, n) float
-        for positions, and for velocities, m
+    basis : Basis
+    groups : sequence of Group
+        bodies that have been matched together
+    coefficients : (B, 2, 3, C) float
+        of the goals for positions, and for velocities
     strayed : (B,) float
         from 0, anything that a goal can follow, to 1, a state that only the rest shape leads out
         of
-    place : (B, P, 3) float
-        where the P pieces of a body are: its regions, or the body as the only one; centres, m
-    origin : (B, P, 3) float
-        where they are in the rest shape, m
-    posture : (B, P, 3, 3) float
-        how they lie: the linear transforms from offsets in the rest shape to those now
     plastic : (B, 1 + K, 3, 3) float or None
         plastic state after the tick: of the whole body and of its K regions
 
     """
 
-    centre: np.ndarray
-    goals: np.ndarray
+    basis: Basis
+    groups: Sequence[Group]
+    coefficients: np.ndarray
     strayed: np.ndarray
-    place: np.ndarray
-    origin: np.ndarray
-    posture: np.ndarray
     plastic: np.ndarray | None
 
+    def goals_of(self, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
+        """Return the goals for velocities of particles (k,) of bodies (k,): (k, 3), m."""
+        values = self.basis.functions[body, :, particle]
+        return rigid_motion.applied(self._world_coefficients[body], values)
 
-def find(particles: Particles, pinned: Mapping[int, Pins], tick: Tick) -> Match:
-    """Match all bodies: those that hang on pins with the weights that these give them."""
+    @cached_property
+    def goals(self) -> np.ndarray:
+        """(B, 3, n) float: the goals of all particles for velocities, m."""
+        functions = self.basis.functions
+        return mapped(self._world_coefficients.astype(functions.dtype, copy=False), functions)
+
+    @cached_property
+    def _world_coefficients(self) -> np.ndarray:
+        result = self.coefficients[:, 1].copy()
+        result[..., self.basis.one] += self.basis.origin
+        return result
+
+    @cached_property
+    def place(self) -> np.ndarray:
+        """(B, P, 3) float: centres of the P pieces of bodies: regions, or the whole; m."""
+        places = [group.place for group in self.groups]
+        return self.basis.origin[:, None] + merged(self.groups, places)
+
+    @cached_property
+    def origin(self) -> np.ndarray:
+        """(B, P, 3) float: where the pieces are in the rest shape, m."""
+        return merged(self.groups, [group.origin for group in self.groups])
+
+    @cached_property
+    def posture(self) -> np.ndarray:
+        """(B, P, 3, 3) float: how the pieces lie: from offsets in the rest shape to those now."""
+        return merged(self.groups, [group.posture for group in self.groups])
+
+
+@dataclass(frozen=True)
+class Group:
+    """
+    How b bodies of a batch fit a rest shape.
+
+    Attributes
+    ----------
+    rows : (b,) int
+        which of the batch
+    gains : Gains
+    rest : RestShape
+        with the weights that the particles have in the match
+    regions : Regions or None
+    pins : Pins or None
+        that give particles other weights than the bodies do
+    centre : (b, 3) float
+        of mass, with those weights, m from the origin of the basis
+    undeformed : (b, 3, 3) float
+        R, or R S_p
+    fits : Fits
+    parts : RegionMatch or None
+        the match of the regions, m from the origin of the basis
+    plastic : (b, 1 + K, 3, 3) float or None
+        plastic state after the tick
+
+    """
+
+    rows: np.ndarray
+    gains: Gains
+    rest: RestShape
+    regions: Regions | None
+    pins: Pins | None
+    centre: np.ndarray
+    undeformed: np.ndarray
+    fits: Fits
+    parts: RegionMatch | None
+    plastic: np.ndarray | None
+
+    @property
+    def place(self) -> np.ndarray:
+        """(b, P, 3) float: see `Match`, but from the origin of the basis."""
+        return self.centre[:, None] if self.parts is None else self.parts.centre
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(b, P, 3) float: see `Match`."""
+        origin = self.rest.centre[None]
+        if self.regions is not None:
+            origin = origin + self.rest.scale * self.regions.centre
+        return np.repeat(origin[None], len(self.rows), axis=0)
+
+    @property
+    def posture(self) -> np.ndarray:
+        """(b, P, 3, 3) float: see `Match`; whole bodies lie as they fit, unless they strayed."""
+        if self.parts is not None:
+            return self.parts.undeformed
+        strays = (self.fits.strayed > 0.0)[:, None, None]
+        return np.where(strays, self.undeformed, self.fits.nearest[..., :LINEAR])[:, None]
+
+    @property
+    def places_by_regions(self) -> np.ndarray:
+        """(b, 3, n) float: what regions make of the positions, m from the origin of the basis."""
+        assert self.parts is not None
+        assert self.regions is not None
+        return regions.goals(self.parts, self.regions, self.rest)
+
+    @property
+    def plastic_or_intact(self) -> np.ndarray:
+        """(b, 1 + K, 3, 3) float: plastic state after the tick."""
+        return intact(len(self.rows), self.regions) if self.plastic is None else self.plastic
+
+    def coefficients(self, basis: Basis) -> np.ndarray:
+        """Return the coefficients (b, 2, 3, C) of the goals, see `Match`."""
+        deformation = self.gains.deformation * (1.0 - self.fits.strayed)
+        transforms = matching.blended(self.fits.followed, self.undeformed, deformation)
+        of_features = matching.affine(self.centre, transforms, self.rest)
+        if self.pins is not None:
+            count = of_features.shape[-1]
+            of_features = of_features @ self.pins.features[:count, :count]
+        result = np.zeros((len(self.rows), 2, 3, basis.functions.shape[1]))
+        if self.regions is None:
+            result[..., basis.one :] = of_features.swapaxes(0, 1)
+        else:
+            whole = self.gains.whole_body[:, None, None]
+            result[..., basis.one :] = whole[..., None] * of_features.swapaxes(0, 1)
+            result[..., range(3), range(REGIONS.start, REGIONS.stop)] = 1.0 - whole
+        return result
+
+
+def merged(groups: Sequence[Group], values: Sequence[np.ndarray]) -> np.ndarray:
+    """Return values (b, …) of each group as those of the batch (B, …)."""
+    if len(groups) == 1:
+        return values[0]
+    result = np.empty((sum(len(group.rows) for group in groups), *values[0].shape[1:]))
+    for group, part in zip(groups, values, strict=True):
+        result[group.rows] = part
+    return result
+
+
+def find(
+    basis: Basis, plastic: np.ndarray | None, pinned: Mapping[int, Pins], tick: Tick
+) -> Match:
+    """
+    Match all bodies: those that hang on pins with the weights that these give them.
+
+    Parameters
+    ----------
+    basis : Basis
+        what regions make of the positions is put into it
+    plastic : (B, 1 + K, 3, 3) float or None
+        plastic state at the tick before, see `plasticity`
+    pinned : mapping of int to Pins
+        by row
+    tick : Tick
+
+    """
     hanging = [row for row in pinned if not tick.gains.rigid[row]]
-    if not hanging:
-        return of_bodies(particles, tick)
-    x, before = particles.x, particles.plastic
-    plastic = intact(len(x), tick.regions) if before is None else before.copy()
-    pieces = tick.regions.count if tick.regions else 1
-    match = Match(
-        weighted(x, tick.rest.weights),
-        np.empty((2, *x.shape), x.dtype),
-        np.zeros(len(x)),
-        np.empty((len(x), pieces, 3)),
-        np.empty((len(x), pieces, 3)),
-        np.empty((len(x), pieces, 3, 3)),
+    free = np.arange(len(basis))
+    if hanging:
+        free = np.setdiff1d(free, hanging)
+    groups = [of_bodies(basis, np.array([row]), plastic, pinned[row], tick) for row in hanging]
+    if len(free):
+        groups.append(of_bodies(basis, free, plastic, None, tick))
+    if tick.regions is not None:
+        basis.use_regions(merged(groups, [group.places_by_regions for group in groups]))
+    if any(group.plastic is not None for group in groups):
+        plastic = merged(groups, [group.plastic_or_intact for group in groups])
+    return Match(
+        basis,
+        groups,
+        merged(groups, [group.coefficients(basis) for group in groups]),
+        merged(groups, [group.fits.strayed for group in groups]),
         plastic,
     )
-    free = np.setdiff1d(np.arange(len(x)), hanging)
-    groups = [(np.array([row]), pinned[row].rest, pinned[row].regions) for row in hanging]
-    if len(free):
-        groups.append((free, tick.rest, tick.regions))
-    flows = before is not None
-    for rows, rest, parts in groups:
-        part_tick = dataclasses.replace(tick, rest=rest, regions=parts, gains=tick.gains.of(rows))
-        part = of_bodies(particles.of(rows), part_tick)
-        match.goals[:, rows], match.strayed[rows] = part.goals, part.strayed
-        match.place[rows], match.origin[rows] = part.place, part.origin
-        match.posture[rows] = part.posture
-        if part.plastic is not None:
-            plastic[rows] = part.plastic
-            flows = True
-    return match if flows else dataclasses.replace(match, plastic=None)
 
 
-def of_bodies(particles: Particles, tick: Tick) -> Match:
-    """Match the rest shape with the particles: where they want to be."""
-    rest, gains, plastic = tick.rest, tick.gains, particles.plastic
-    centre, moment = matching.moments(particles.x, rest, gains.features)
-    require_finite(moment)
+def of_bodies(
+    basis: Basis, rows: np.ndarray, plastic: np.ndarray | None, pins: Pins | None, tick: Tick
+) -> Group:
+    """Match some bodies (b,), given as indices, with the weights that pins give, or their own."""
+    rest, parted = (tick.rest, tick.regions) if pins is None else (pins.rest, pins.regions)
+    everyone = len(rows) == len(basis)
+    gains = tick.gains if everyone else tick.gains.of(rows)
+    x = basis.functions[:, POSITION] if everyone else basis.functions[rows, POSITION]
+    if pins is None:
+        total = basis.gram[rows, POSITION, basis.one :]
+    else:
+        total = sums(x, rest.weighted_features[: 1 + tick.gains.features])
+    require_finite(total)
+    centre, moment = total[..., 0], total[..., 1:] / rest.scale
+    plastic = None if plastic is None else plastic[rows]
     stretch = None if plastic is None else plastic[:, 0]
     undeformed = plasticity.undeformed(moment, stretch)
-    fits = fit_of_each_mode(moment, undeformed, stretch, tick)
-    deformation = gains.deformation * (1.0 - fits.strayed)
-    transforms = matching.blended(fits.followed, undeformed, deformation)
+    fits = fit_of_each_mode(moment, undeformed, stretch, rest, gains)
     parts = None
-    if tick.regions is None:
-        place, origin = centre[:, None], rest.centre[None]
-        posture = of_whole(fits, undeformed)[:, None]
-        places = matching.goals(centre, transforms, rest)
-    else:
+    if parted is not None:
         stretch = None if plastic is None else plastic[:, 1:]
-        parts = regions.match(particles.x, tick.regions, rest, stretch)
-        place, posture = parts.centre, parts.undeformed
-        origin = rest.centre + rest.scale * tick.regions.centre
-        whole = gains.whole_body[:, None]
-        places = matching.goals(whole * centre, whole[..., None] * transforms, rest)
-        of_regions = regions.goals(parts, tick.regions, rest)
-        of_regions *= (1.0 - whole[..., None]).astype(of_regions.dtype)
-        places += of_regions
-    flow = flowed(plastic, fits, parts, tick)
-    origin = np.broadcast_to(origin, place.shape)
-    return Match(centre, places, fits.strayed, place, origin, posture, flow)
-
-
-def of_whole(fits: Fits, undeformed: np.ndarray) -> np.ndarray:
-    """Return how bodies without regions lie, (B, 3, 3): as they fit, if they have not strayed."""
-    return np.where((fits.strayed > 0.0)[:, None, None], undeformed, fits.nearest[..., :LINEAR])
+        parts = regions.match(x, parted, rest, stretch)
+    after = flowed(plastic, fits, parts, parted, gains)
+    return Group(rows, gains, rest, parted, pins, centre, undeformed, fits, parts, after)
 
 
 def intact(bodies: int, regions: Regions | None) -> np.ndarray:
@@ -135,16 +256,19 @@ def intact(bodies: int, regions: Regions | None) -> np.ndarray:
 
 
 def flowed(
-    plastic: np.ndarray | None, fits: Fits, parts: RegionMatch | None, tick: Tick
+    plastic: np.ndarray | None,
+    fits: Fits,
+    parts: RegionMatch | None,
+    parted: Regions | None,
+    gains: Gains,
 ) -> np.ndarray | None:
     """Return the plastic state after the tick; what has strayed comes back, it does not flow."""
-    gains = tick.gains
-    creeping = gains.creeping * (fits.strayed < 1.0)
-    if not creeping.any():
+    if not gains.creeps:
         return plastic
+    creeping = gains.creeping * (fits.strayed < 1.0)
     transforms = fits.nearest[:, None, :, :LINEAR]
-    if tick.regions is not None and parts is not None:
-        transforms = np.concatenate([transforms, regions.fits(parts, tick.regions)], axis=1)
+    if parted is not None and parts is not None:
+        transforms = np.concatenate([transforms, regions.fits(parts, parted)], axis=1)
     if plastic is None:
         plastic = np.broadcast_to(np.eye(3), transforms.shape)
     limits = (gains.yield_strain, creeping, gains.largest_strain)
@@ -176,14 +300,18 @@ class Fits:
 
 
 def fit_of_each_mode(
-    moment: np.ndarray, undeformed: np.ndarray, stretch: np.ndarray | None, tick: Tick
+    moment: np.ndarray,
+    undeformed: np.ndarray,
+    stretch: np.ndarray | None,
+    rest: RestShape,
+    gains: Gains,
 ) -> Fits:
     """Return the quadratic fits of quadratic bodies, the linear ones of the others."""
-    fits = find_fits(moment, undeformed, stretch, tick)
-    quadratic = tick.gains.quadratic
-    if tick.gains.features == LINEAR or quadratic.all():
+    conserved, quadratic = gains.volume_conservation, gains.quadratic
+    fits = find_fits(moment, undeformed, stretch, rest, conserved)
+    if moment.shape[-1] == LINEAR or gains.all_quadratic:
         return fits
-    linear = find_fits(moment[..., :LINEAR], undeformed, stretch, tick)
+    linear = find_fits(moment[..., :LINEAR], undeformed, stretch, rest, conserved)
     chosen = quadratic[:, None, None]
     return Fits(
         np.where(chosen, fits.nearest, matching.padded(linear.nearest)),
@@ -193,14 +321,17 @@ def fit_of_each_mode(
 
 
 def find_fits(
-    moment: np.ndarray, undeformed: np.ndarray, stretch: np.ndarray | None, tick: Tick
+    moment: np.ndarray,
+    undeformed: np.ndarray,
+    stretch: np.ndarray | None,
+    rest: RestShape,
+    conserved: np.ndarray,
 ) -> Fits:
     """Fit as many features as the moments (B, 3, F) have."""
-    nearest = matching.fit(moment, undeformed, tick.rest)
-    kept, volume = matching.of_rest_volume(nearest, tick.rest)
+    nearest = matching.fit(moment, undeformed, rest)
+    kept, volume = matching.of_rest_volume(nearest, rest)
     strayed = matching.strayed(plasticity.elastic(nearest, stretch), volume)
-    kept = np.where((strayed < 1.0)[:, None, None], kept, nearest)
-    conserved = tick.gains.volume_conservation[..., None, None]
+    conserved = np.where(strayed < 1.0, conserved, 0.0)[..., None, None]
     return Fits(nearest, nearest + conserved * (kept - nearest), strayed)
 
 

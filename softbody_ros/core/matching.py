@@ -27,6 +27,8 @@ VOLUME_STEPS = 2
 """Each squares the error of the volume."""
 LEAST_SLOPE = 1e-3
 """Squared volume gradient below which a volume does not tell where to go."""
+PREVIOUS, FOLLOWING = np.array([2, 0, 1]), np.array([1, 2, 0])
+"""Rows in a cycle."""
 
 
 def moments(x: np.ndarray, rest: RestShape, features: int) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +103,8 @@ def fit(moment: np.ndarray, undeformed: np.ndarray, rest: RestShape) -> np.ndarr
         inverse, unspanned = rest.inverse_linear, rest.unspanned_linear
     else:
         inverse, unspanned = rest.inverse_quadratic, rest.unspanned_quadratic
-    return moment @ inverse + undeformed @ unspanned[:LINEAR]
+    spanned = moment @ inverse
+    return spanned if unspanned is None else spanned + undeformed @ unspanned[:LINEAR]
 
 
 def strayed(fits: np.ndarray, volume: np.ndarray) -> np.ndarray:
@@ -121,25 +124,24 @@ def strayed(fits: np.ndarray, volume: np.ndarray) -> np.ndarray:
 
     """
     block = fits[..., :LINEAR]
-    square = np.einsum('...ij,...ij->...', block, block)
+    square = np.einsum('bij,bij->b', block, block)
     # the least stretch is at least det / (product of the others) >= 2 det / square
     roundness = 2.0 * np.linalg.det(block) / np.maximum(square, 1e-300)
-    limits = [
-        _ramp(roundness, LEAST_ROUNDNESS),
-        _ramp(np.sqrt(square), LARGEST_STRETCH),
-        _ramp(volume, LEAST_VOLUME),
-        _ramp(volume, LARGEST_VOLUME),
-    ]
+    beyond = np.maximum(_ramp(roundness, LEAST_ROUNDNESS), 0.0)
+    beyond = np.maximum(beyond, _ramp(np.sqrt(square), LARGEST_STRETCH))
+    beyond = np.maximum(beyond, _ramp(volume, LEAST_VOLUME))
+    beyond = np.maximum(beyond, _ramp(volume, LARGEST_VOLUME))
     if fits.shape[-1] > LINEAR:
         bend = fits[..., LINEAR:]
-        limits.append(_ramp(np.sqrt(np.einsum('...ij,...ij->...', bend, bend)), LARGEST_BEND))
-    return np.clip(np.max(limits, axis=0), 0.0, 1.0)
+        norm = np.sqrt(np.einsum('bij,bij->b', bend, bend))
+        beyond = np.maximum(beyond, _ramp(norm, LARGEST_BEND))
+    return np.minimum(beyond, 1.0)
 
 
 def _ramp(value: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
     """Return 0 at the first limit and 1 at the second, without clipping."""
     start, end = limits
-    return (value - start) / (end - start)
+    return (value - start) * (1.0 / (end - start))
 
 
 def blended(fits: np.ndarray, undeformed: np.ndarray, deformation: np.ndarray) -> np.ndarray:
@@ -184,11 +186,10 @@ def volume_gradient(transform: np.ndarray, rest: RestShape) -> np.ndarray:
 
     """
     count = transform.shape[-1]
-    form = rest.volume_form[:count, :count, :count].reshape(count, -1)
     # the form is antisymmetric: it stays as it is when the three rows change places in a cycle
-    previous, following = transform[:, [2, 0, 1]], transform[:, [1, 2, 0]]
-    by_previous = (previous @ form).reshape(*transform.shape, count)
-    return np.matmul(by_previous, following[..., None])[..., 0]
+    previous, following = transform.take(PREVIOUS, axis=1), transform.take(FOLLOWING, axis=1)
+    by_previous = previous @ rest.volume_forms[count]
+    return np.matmul(by_previous.reshape(*transform.shape, count), following[..., None])[..., 0]
 
 
 def relative_volume(transform: np.ndarray, rest: RestShape) -> np.ndarray:
@@ -239,9 +240,9 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum('bif,bif->b', a, b)
 
 
-def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndarray:
+def affine(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndarray:
     """
-    Return the goal positions: scale · transform @ features about the centres.
+    Return the coefficients of the one and the features in goals: centre, scale · transform.
 
     Parameters
     ----------
@@ -252,14 +253,20 @@ def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndar
 
     Returns
     -------
-    (…, B, 3, n) float
+    (…, B, 3, 1 + F) float
         m
 
     """
-    affine = np.empty((*transform.shape[:-1], 1 + transform.shape[-1]), rest.features.dtype)
-    affine[..., 0] = centre
-    affine[..., 1:] = rest.scale * transform
-    return mapped(affine, rest.features[: affine.shape[-1]])
+    result = np.empty((*transform.shape[:-1], 1 + transform.shape[-1]))
+    result[..., 0] = centre
+    result[..., 1:] = rest.scale * transform
+    return result
+
+
+def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return the goal positions (…, B, 3, n), m, of a transform, see `affine`."""
+    coefficients = affine(centre, transform, rest).astype(rest.features.dtype, copy=False)
+    return mapped(coefficients, rest.features[: coefficients.shape[-1]])
 
 
 def padded(transform: np.ndarray) -> np.ndarray:

@@ -25,7 +25,13 @@ from scipy.spatial.transform import Rotation
 from softbody_ros.core import rigid_motion
 from softbody_ros.core.config import BodyConfig, ConfigError, in_brackets
 from softbody_ros.core.regions import Regions, make_regions
-from softbody_ros.core.rest_shape import RANK_CUT, RestShape, make_rest_shape, pseudo_inverse
+from softbody_ros.core.rest_shape import (
+    RANK_CUT,
+    RestShape,
+    features_by_others,
+    make_rest_shape,
+    pseudo_inverse,
+)
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import Particles, Tick
 
@@ -49,6 +55,8 @@ class Pins:
         the body's, with the weights that the particles have in the match
     regions : Regions or None
         the body's, with those weights
+    features : (10, 10) float
+        its features, as combinations of those of the body
 
     """
 
@@ -57,6 +65,7 @@ class Pins:
     angular: np.ndarray
     rest: RestShape
     regions: Regions | None
+    features: np.ndarray
 
     @property
     def moves(self) -> bool:
@@ -117,7 +126,8 @@ def make_pins(body: BodyConfig, rest: RestShape, before: Pins | None = None) -> 
     if body.regions_count:
         regions = make_regions(rest, body.regions_count, body.regions_overlap, weights)
     matched = make_rest_shape(rest.surface, rest.features.dtype.type, weights)
-    return Pins(particle, linear, angular, matched, regions)
+    features = features_by_others(matched, rest)
+    return Pins(particle, linear, angular, matched, regions, features)
 
 
 def pinned_particles(body: BodyConfig, rest: RestShape) -> np.ndarray:

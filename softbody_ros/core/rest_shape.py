@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -43,10 +44,13 @@ class RestShape:
         what a goal combines linearly: goal = transform @ features
     weighted_features : (10, n) float
         `weights` times `features`; positions @ weighted_featuresᵀ are the moments
+    gram : (10, 10) float
+        Σ w f fᵀ
     inverse_linear, inverse_quadratic : (3, 3), (9, 9) float
-        pseudo-inverse of Σ w f fᵀ (Müller et al. 2005, eq. 7 and section 4.3)
-    unspanned_linear, unspanned_quadratic : (3, 3), (9, 9) float
-        projection on the combinations of features that vanish on every particle
+        pseudo-inverse of the Gram matrix of the first 3, or all 9, features after the one
+        (Müller et al. 2005, eq. 7 and section 4.3)
+    unspanned_linear, unspanned_quadratic : (3, 3), (9, 9) float or None
+        projection on the combinations of features that vanish on every particle, if any do
     volume_form : (9, 9, 9) float
         antisymmetric; the enclosed volume of the goal T f, relative to the rest volume, is
         Σ T₀ᵢ T₁ⱼ T₂ₖ volume_formᵢⱼₖ. For an open surface it is the determinant of T's linear block
@@ -59,16 +63,25 @@ class RestShape:
     weights: np.ndarray
     features: np.ndarray
     weighted_features: np.ndarray
+    gram: np.ndarray
     inverse_linear: np.ndarray
     inverse_quadratic: np.ndarray
-    unspanned_linear: np.ndarray
-    unspanned_quadratic: np.ndarray
+    unspanned_linear: np.ndarray | None
+    unspanned_quadratic: np.ndarray | None
     volume_form: np.ndarray
+
+    @cached_property
+    def volume_forms(self) -> dict[int, np.ndarray]:
+        """The volume form (F, F²) of so many features F."""
+        counts = LINEAR, QUADRATIC
+        return {
+            count: self.volume_form[:count, :count, :count].reshape(count, -1) for count in counts
+        }
 
     @property
     def has_volume(self) -> bool:
         """Whether the shape extends in all directions, unlike a sheet or a rod."""
-        return not self.unspanned_linear.any()
+        return self.unspanned_linear is None
 
     @property
     def particle_count(self) -> int:
@@ -106,9 +119,10 @@ def make_rest_shape(
     x, y, z = offsets.T / scale
     features = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
     features[1:] -= weighted(features[1:], weights)[:, None]
-    gram = sums(features[1:] * weights, features[1:])
-    inverse_linear, unspanned_linear = pseudo_inverse(gram[:LINEAR, :LINEAR])
-    inverse_quadratic, unspanned_quadratic = pseudo_inverse(gram)
+    gram = np.eye(1 + QUADRATIC)
+    gram[1:, 1:] = sums(features[1:] * weights, features[1:])
+    inverse_linear, unspanned_linear = pseudo_inverse(gram[1 : 1 + LINEAR, 1 : 1 + LINEAR])
+    inverse_quadratic, unspanned_quadratic = pseudo_inverse(gram[1:, 1:])
     return RestShape(
         surface=surface,
         centre=centre,
@@ -116,12 +130,34 @@ def make_rest_shape(
         weights=weights.astype(dtype),
         features=features.astype(dtype),
         weighted_features=(weights * features).astype(dtype),
+        gram=gram,
         inverse_linear=inverse_linear,
         inverse_quadratic=inverse_quadratic,
-        unspanned_linear=unspanned_linear,
-        unspanned_quadratic=unspanned_quadratic,
+        unspanned_linear=unspanned_linear if unspanned_linear.any() else None,
+        unspanned_quadratic=unspanned_quadratic if unspanned_quadratic.any() else None,
         volume_form=_volume_form(surface, features[1:]),
     )
+
+
+def features_by_others(rest: RestShape, other: RestShape) -> np.ndarray:
+    """
+    Return the features of a rest shape as combinations (10, 10) of those of another.
+
+    Both are of one surface and differ in their weights, so in their centres of mass: with q + d
+    for q, x y becomes x y + d_y x + d_x y, and a constant that keeps its mean zero.
+    """
+    x, y, z = (other.centre - rest.centre) / rest.scale
+    result = np.eye(1 + QUADRATIC)
+    result[4:, 1 : 1 + LINEAR] = [
+        [2.0 * x, 0.0, 0.0],
+        [0.0, 2.0 * y, 0.0],
+        [0.0, 0.0, 2.0 * z],
+        [y, x, 0.0],
+        [0.0, z, y],
+        [z, 0.0, x],
+    ]
+    result[1:, 0] = -result[1:, 1:] @ weighted(other.features[1:], rest.weights)
+    return result
 
 
 def _area_weights(surface: Surface) -> np.ndarray:

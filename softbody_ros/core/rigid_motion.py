@@ -12,9 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softbody_ros.core.basis import POSITION, VELOCITY, Basis
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.sums import mapped, sums, weighted
 
+LEVI_CIVITA = np.zeros((3, 3, 3))
+"""Permutation symbol: (a × b)ᵢ = Σ εᵢⱼₖ aⱼ bₖ."""
+LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
+LEVI_CIVITA[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
 INERTIA_CUT = 1e-12
 """Principal inertias below this fraction of the largest count as zero."""
 
@@ -53,13 +58,51 @@ class RigidMotion:
         self.spin[rows], self.inverse_inertia[rows] = other.spin, other.inverse_inertia
 
 
-def momentum(
-    x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (B, 3): Σ w v, m/s, and (B, 3): Σ w (x − centre) × v, m²/s."""
-    arms = x - centre.astype(x.dtype)[..., None]
-    arms *= rest.weights
-    return weighted(v, rest.weights), _spin(sums(arms, v))
+def momentum(basis: Basis, particles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return velocity and spin (B, 3) of particles with coefficients (B, 6, C)."""
+    mean, covariance = basis.covariance(particles)
+    return mean[:, VELOCITY], _spin(covariance[:, POSITION, VELOCITY])
+
+
+def of_particles(basis: Basis, particles: np.ndarray) -> RigidMotion:
+    """
+    Return the rigid part of the motion of particles with coefficients (B, 6, C).
+
+    Its centre counts from the origin of the basis.
+    """
+    mean, covariance = basis.covariance(particles)
+    inertia = _inertia(covariance[:, POSITION, POSITION])
+    return RigidMotion(
+        centre=mean[:, POSITION],
+        velocity=mean[:, VELOCITY],
+        spin=_spin(covariance[:, POSITION, VELOCITY]),
+        inverse_inertia=_inverse_inertia(inertia, basis.rest),
+    )
+
+
+def combination(
+    basis: Basis,
+    particles: np.ndarray,
+    centre: np.ndarray,
+    velocity: np.ndarray,
+    angular_velocity: np.ndarray,
+) -> np.ndarray:
+    """
+    Return the coefficients (B, 3, C) of a rigid motion: velocity + ω × (x − centre).
+
+    Parameters
+    ----------
+    basis : Basis
+    particles : (B, 6, C) float
+        coefficients
+    centre, velocity, angular_velocity : (B, 3) float
+        m from the origin of the basis, m/s, rad/s
+
+    """
+    cross = cross_matrix(angular_velocity)
+    result = cross @ particles[:, POSITION]
+    result[..., basis.one] += velocity - applied(cross, centre)
+    return result
 
 
 def rigid_motion(x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape) -> RigidMotion:
@@ -96,9 +139,7 @@ def field(
         m/s
 
     """
-    cross = np.zeros((len(angular_velocity), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = angular_velocity
-    cross[:, [1, 2, 0], [2, 0, 1]] = -angular_velocity
+    cross = cross_matrix(angular_velocity)
     result = mapped(cross.astype(x.dtype, copy=False), x)
     result += (velocity - applied(cross, centre)).astype(x.dtype)[..., None]
     return result
@@ -129,6 +170,11 @@ def correction(
     return field(x, present.centre, velocity - present.velocity, angular_velocity)
 
 
+def cross_matrix(vectors: np.ndarray) -> np.ndarray:
+    """Return the matrices (B, 3, 3) by which vectors (B, 3) are multiplied from the left: a ×."""
+    return (vectors @ -LEVI_CIVITA.reshape(3, 9)).reshape(-1, 3, 3)
+
+
 def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return the products (…, i) of tensors (…, i, j) with vectors (…, j)."""
     return np.matmul(tensor, vectors[..., None])[..., 0]
@@ -145,7 +191,8 @@ def _inertia(gram: np.ndarray) -> np.ndarray:
 
 
 def _spin(product: np.ndarray) -> np.ndarray:
-    return product[:, [1, 2, 0], [2, 0, 1]] - product[:, [2, 0, 1], [1, 2, 0]]
+    """Return Σ a × b (B, 3) from Σ a bᵀ (B, 3, 3)."""
+    return product.reshape(-1, 9) @ LEVI_CIVITA.reshape(3, 9).T
 
 
 def _inverse_inertia(tensor: np.ndarray, rest: RestShape) -> np.ndarray:

@@ -229,7 +229,7 @@ def _standing(
             if not len(contacts):
                 continue
             patch = contact.make_patch(x, contacts, flight.motion, tick.rest)
-            sunk = contact.depth_of_goals(x, contacts, obstacle, flight.match.goals[1], tick)
+            sunk = contact.depth_of_goals(x, contacts, obstacle, flight.match, tick)
             touching = np.unique(contacts.body)
             row = patch.share[:, None] * np.hstack([contacts.normal, patch.levers])
             body.append(source.first + np.searchsorted(source.rows, touching))

@@ -7,7 +7,9 @@ from __future__ import annotations
 import numpy as np
 
 BLOCK = 8192
-"""Numbers that are multiplied at once: BLAS may split larger products among threads."""
+"""Numbers of a matrix that a vector is multiplied with: BLAS may split more among threads."""
+PRODUCTS = 1 << 18
+"""The same for the multiplications in a product of two matrices."""
 
 
 def sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -44,7 +46,7 @@ def weighted(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return sums(values, weights[None])[..., 0]
 
 
-def mapped(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def mapped(a: np.ndarray, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
     """
     Return a @ b for few rows and many particles.
 
@@ -52,21 +54,25 @@ def mapped(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     ----------
     a : (…, i, j) float
     b : (…, j, n) or (j, n) float
+    out : (…, i, n) float, optional
+        where to write it
 
     Returns
     -------
     (…, i, n) float
 
     """
-    count = b.shape[-1]
-    if count <= BLOCK:
-        return np.matmul(a, b)
-    shape = np.broadcast_shapes(a.shape[:-2], b.shape[:-2])
-    result = np.empty((*shape, a.shape[-2], count), np.result_type(a, b))
-    for start in range(0, count, BLOCK):
-        block = slice(start, start + BLOCK)
-        np.matmul(a, b[..., block], out=result[..., block])
-    return result
+    rows, columns = a.shape[-2:]
+    count, block = b.shape[-1], PRODUCTS // (rows * columns)
+    if count <= block:
+        return np.matmul(a, b, out=out)
+    if out is None:
+        shape = np.broadcast_shapes(a.shape[:-2], b.shape[:-2])
+        out = np.empty((*shape, rows, count), np.result_type(a, b))
+    for start in range(0, count, block):
+        part = slice(start, start + block)
+        np.matmul(a, b[..., part], out=out[..., part])
+    return out
 
 
 def _sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -31,8 +31,6 @@ class Particles:
         positions, m, and velocities, m/s: the stages change them in place
     start : (B, 3, n) float
         positions at the tick before, m
-    plastic : (B, 1 + K, 3, 3) float or None
-        plastic state at the tick before, see `plasticity`
     received : (B, 2, 3) float
         impulse, m/s, and turning impulse about the centre of mass, m²/s, that contacts have given
         in this tick, per mass: the stages change them in place
@@ -44,18 +42,12 @@ class Particles:
     x: np.ndarray
     v: np.ndarray
     start: np.ndarray
-    plastic: np.ndarray | None = None
     received: np.ndarray = field(init=False)
     pressed: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'received', np.zeros((len(self.x), 2, 3)))
         object.__setattr__(self, 'pressed', np.zeros((len(self.x), 3)))
-
-    def of(self, bodies: np.ndarray) -> Particles:
-        """Return copies of the particles of some of the bodies, given as indices."""
-        plastic = None if self.plastic is None else self.plastic[bodies]
-        return Particles(self.x[bodies], self.v[bodies], self.start[bodies], plastic)
 
 
 @dataclass(frozen=True)

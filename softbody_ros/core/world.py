@@ -24,6 +24,7 @@ from softbody_ros.core import (
     rigid_motion,
     sleep,
 )
+from softbody_ros.core.basis import POSITION
 from softbody_ros.core.config import (
     BodyConfig,
     ConfigError,
@@ -285,9 +286,10 @@ class World:
         )
         self._batches = []
         for names, rest, parts in zip(self._members, self._rests, self._regions, strict=True):
-            x = np.stack([_start_positions(self.body_config(name), rest) for name in names])
-            x = x.astype(self._dtype)
-            self._batches.append(Batch(rest, parts, x, np.zeros_like(x)))
+            particles: np.ndarray = np.zeros((len(names), 6, rest.particle_count), self._dtype)
+            for name, each in zip(names, particles, strict=True):
+                each[POSITION] = _start_positions(self.body_config(name), rest)
+            self._batches.append(Batch(rest, parts, particles))
         self._watched = [sleep.stillness(batch.x) for batch in self._batches]
         self.apply_initial_velocity()
 
