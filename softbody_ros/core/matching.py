@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
+from softbody_ros.core.rotations import rotation as rotation
 from softbody_ros.core.sums import mapped, sums
 
 LEAST_ROUNDNESS = 0.3, 0.15
@@ -53,32 +54,6 @@ def moments(x: np.ndarray, rest: RestShape, features: int) -> tuple[np.ndarray, 
     """
     total = sums(x, rest.weighted_features[: 1 + features])
     return total[..., 0], total[..., 1:] / rest.scale
-
-
-def rotation(moment: np.ndarray) -> np.ndarray:
-    """
-    Return the rotation R of the polar decomposition of A_pq, det R = +1 always.
-
-    For an inverted state the direction of the smallest singular value is flipped: that is the
-    proper rotation nearest to A_pq.
-
-    Parameters
-    ----------
-    moment : (B, 3, F) float
-        its first three columns are A_pq
-
-    Returns
-    -------
-    (B, 3, 3) float
-
-    """
-    u, _, vt = np.linalg.svd(moment[..., :LINEAR])
-    result = u @ vt
-    reflected = np.linalg.det(result) < 0.0
-    if reflected.any():
-        u[reflected, :, 2] *= -1.0
-        result = u @ vt
-    return result
 
 
 def fit(moment: np.ndarray, undeformed: np.ndarray, rest: RestShape) -> np.ndarray:

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from softbody_ros.core import matching
 from softbody_ros.core.rest_shape import LINEAR
+from softbody_ros.core.rotations import rotation
 
 LEAST_GROWTH, LARGEST_GROWTH = 0.8, 1.2
 """Stretch that may become permanent in one tick."""
@@ -36,8 +36,8 @@ def undeformed(moment: np.ndarray, stretch: np.ndarray | None) -> np.ndarray:
 
     """
     if stretch is None:
-        return matching.rotation(moment)
-    return matching.rotation(moment[..., :LINEAR] @ stretch) @ stretch
+        return rotation(moment)
+    return rotation(moment[..., :LINEAR] @ stretch) @ stretch
 
 
 def elastic(fits: np.ndarray, stretch: np.ndarray | None) -> np.ndarray:

@@ -42,6 +42,7 @@ from softbody_ros.core.pins import Pins, make_pins, pinned_particles
 from softbody_ros.core.point_obstacles import PointObstacles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import RestShape, make_rest_shape
+from softbody_ros.core.rotations import rotation
 from softbody_ros.core.skin import Skin
 from softbody_ros.core.sleep import Stillness
 from softbody_ros.core.sums import weighted
@@ -647,7 +648,7 @@ class World:
         batch, row = self._state(name)
         rest, x, v = batch.rest, batch.x[row : row + 1], batch.v[row : row + 1]
         centre, moment = matching.moments(x, rest, 3)
-        rotations = matching.rotation(moment)
+        rotations = rotation(moment)
         goal = matching.goals(centre, rotations, rest)
         motion = rigid_motion.rigid_motion(x, v, centre, rest)
         omega = motion.angular_velocity[0]
