@@ -84,8 +84,10 @@ class Basis:
     @property
     def particles(self) -> np.ndarray:
         """(B, 6, C) float: coefficients of the predicted positions and velocities."""
-        rows = np.eye(PARTICLE.stop, self.functions.shape[1])
-        return np.repeat(rows[None], len(self.functions), axis=0)
+        count = self.functions.shape[1]
+        result = np.empty((len(self), PARTICLE.stop, count))
+        result[:] = np.eye(PARTICLE.stop, count)
+        return result
 
     def covariance(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """

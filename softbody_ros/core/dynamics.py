@@ -23,6 +23,7 @@ from softbody_ros.core.pins import Pins
 from softbody_ros.core.regions import Regions
 from softbody_ros.core.rest_shape import LINEAR, RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
+from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import Particles, Tick
 
 
@@ -189,7 +190,7 @@ def predict(batch: Batch, tick: Tick) -> Basis:
     if batch.functions.shape[:2] != (len(batch), one + 1 + features):
         batch.functions = functions(len(batch), rest, features, one)
     x, v = batch.functions[:, POSITION], batch.functions[:, VELOCITY]
-    origin = batch.x[..., 0].astype(np.float64)
+    origin = weighted(batch.x, rest.weights)
     np.multiply(batch.v, h, out=x)
     x += batch.x
     x += (0.5 * h**2 * tick.gravity - origin).astype(x.dtype)[..., None]

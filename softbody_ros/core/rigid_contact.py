@@ -36,7 +36,7 @@ def meet(particles: Particles, obstacles: Sequence[Obstacle], tick: Tick) -> Non
     tick : Tick
 
     """
-    if not obstacles or not tick.gains.rigid.any():
+    if not obstacles or not tick.gains.any_rigid:
         return
 
     def touching() -> Iterator[Contacts]:

@@ -14,12 +14,14 @@ import numpy as np
 
 from softbody_ros.core.basis import POSITION, VELOCITY, Basis
 from softbody_ros.core.rest_shape import RestShape
+from softbody_ros.core.small_matrices import symmetric_inverse
 from softbody_ros.core.sums import mapped, sums, weighted
 
 LEVI_CIVITA = np.zeros((3, 3, 3))
 """Permutation symbol: (a × b)ᵢ = Σ εᵢⱼₖ aⱼ bₖ."""
 LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
 LEVI_CIVITA[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
+_INERTIA_OF_GRAM = np.outer(np.eye(3), np.eye(3)) - np.eye(9)
 INERTIA_CUT = 1e-12
 """Principal inertias below this fraction of the largest count as zero."""
 
@@ -187,7 +189,8 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _inertia(gram: np.ndarray) -> np.ndarray:
-    return np.einsum('bii->b', gram)[:, None, None] * np.eye(3) - gram
+    """Return tr(G) 1 − G of Gram matrices (B, 3, 3)."""
+    return (gram.reshape(-1, 9) @ _INERTIA_OF_GRAM).reshape(-1, 3, 3)
 
 
 def _spin(product: np.ndarray) -> np.ndarray:
@@ -197,7 +200,4 @@ def _spin(product: np.ndarray) -> np.ndarray:
 
 def _inverse_inertia(tensor: np.ndarray, rest: RestShape) -> np.ndarray:
     """Return the pseudo-inverse: a rod has no inertia about its axis."""
-    values, vectors = np.linalg.eigh(tensor)
-    cut = INERTIA_CUT * np.maximum(values[:, -1:], INERTIA_CUT * rest.scale**2)
-    inverse = np.where(values > cut, 1.0 / np.maximum(values, cut), 0.0)
-    return np.matmul(vectors * inverse[:, None, :], vectors.transpose(0, 2, 1))
+    return symmetric_inverse(tensor, INERTIA_CUT, INERTIA_CUT * rest.scale**2)

@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +47,8 @@ from softbody_ros.core.skin import Skin
 from softbody_ros.core.sleep import Stillness
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import SimulationError
+
+Result = TypeVar('Result')
 
 
 @dataclass(frozen=True)
@@ -177,25 +179,22 @@ class World:
         there = moved + outside.obstacles
         self._push()
         self._wake_neighbours()
-        rows = {
-            index: np.flatnonzero(watched.awake)
-            for index, watched in enumerate(self._watched)
-            if watched.awake.any()
-        }
-        flights = {}
-        for index in rows:
-            with self._computing(self._members[index]):
-                flights[index] = self._fly(index, rows[index])
-        skins = [self._skins[index] for index in flights]
-        with self._computing(self.names):
-            body_contact.meet(list(flights.values()), skins, there, outside.points)
-        for index, flight in flights.items():
-            with self._computing(self._members[index]):
-                dynamics.land(flight, there)
+        awake = [np.flatnonzero(watched.awake) for watched in self._watched]
+        with np.errstate(over='ignore', invalid='ignore'):
+            flights = {
+                index: self._computed(self._members[index], self._fly, index, rows)
+                for index, rows in enumerate(awake)
+                if len(rows)
+            }
+            skins = [self._skins[index] for index in flights]
+            meeting = (list(flights.values()), skins, there, outside.points)
+            self._computed(self.names, body_contact.meet, *meeting)
+            for index, flight in flights.items():
+                self._computed(self._members[index], dynamics.land, flight, there)
         for index, flight in flights.items():
             batch = self._batches[index]
             if flight.batch is not batch:
-                batch.take(flight.batch, rows[index])
+                batch.take(flight.batch, awake[index])
             batch.swap()
         self._obstacles, self._outside = moved, outside
         self.tick += 1
@@ -213,12 +212,12 @@ class World:
         part_pinned = {places[row]: pins for row, pins in pinned.items() if row in places}
         return dynamics.fly(batch.part(awake), gains.of(awake), part_pinned, gravity, h)
 
-    @contextmanager
-    def _computing(self, names: Sequence[str]) -> Iterator[None]:
-        """Let what goes wrong with a tick say which bodies it concerns."""
+    def _computed(
+        self, names: Sequence[str], stage: Callable[..., Result], *arguments: Any
+    ) -> Result:
+        """Compute a stage of a tick; what goes wrong with it says which bodies it concerns."""
         try:
-            with np.errstate(over='ignore', invalid='ignore'):
-                yield
+            return stage(*arguments)
         except (SimulationError, np.linalg.LinAlgError) as error:
             raise SimulationError(
                 f'tick {self.tick + 1} of {", ".join(names)} cannot be computed ({error}): the '
