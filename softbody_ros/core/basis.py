@@ -50,6 +50,45 @@ def functions(bodies: int, rest: RestShape, features: int, one: int) -> np.ndarr
     return result
 
 
+def products(functions: np.ndarray, rest: RestShape, one: int, part: slice) -> np.ndarray:
+    """
+    Return what some particles add to the inner products of positions and velocities.
+
+    Parameters
+    ----------
+    functions : (B, C, n) float
+        see `Basis`
+    rest : RestShape
+    one : int
+        row of the one
+    part : slice
+        of the particles
+
+    Returns
+    -------
+    (B, 6, C) float64
+        of velocities only those with the one and the features, else zero
+
+    """
+    bodies, count = functions.shape[:2]
+    functions, features = functions[..., part], rest.weighted_features[: count - one, part]
+    result = np.zeros((bodies, PARTICLE.stop, count))
+    result[:, POSITION] = sums(functions[:, POSITION] * rest.weights[part], functions)
+    result[:, VELOCITY, one:] = sums(functions[:, VELOCITY], features)
+    return result
+
+
+def gram_matrix(products: np.ndarray, rest: RestShape, one: int) -> np.ndarray:
+    """Return the Gram matrix (B, C, C) of a `Basis` from all `products`."""
+    bodies, _, count = products.shape
+    result = np.zeros((bodies, count, count))
+    result[:, PARTICLE] = products
+    result[:, VELOCITY, POSITION] = products[:, POSITION, VELOCITY].swapaxes(1, 2)
+    result[:, one:, PARTICLE] = products[..., one:].swapaxes(1, 2)
+    result[:, one:, one:] = rest.gram[: count - one, : count - one]
+    return result
+
+
 @dataclass(frozen=True, eq=False)
 class Basis:
     """
@@ -122,18 +161,3 @@ class Basis:
         coefficients = coefficients.copy()
         coefficients[:, POSITION, self.one] += self.origin
         mapped(coefficients.astype(out.dtype, copy=False), self.functions, out)
-
-
-def make_basis(rest: RestShape, functions: np.ndarray, one: int, origin: np.ndarray) -> Basis:
-    """Return the basis with given functions; those of the regions are not used yet."""
-    bodies, count = functions.shape[:2]
-    positions = functions[:, POSITION]
-    gram = np.zeros((bodies, count, count))
-    own, velocities = gram[:, POSITION], gram[:, VELOCITY, one:]
-    own[:] = sums(positions * rest.weights, functions)
-    velocities[:] = sums(functions[:, VELOCITY], rest.weighted_features[: count - one])
-    gram[:, one:, one:] = rest.gram[: count - one, : count - one]
-    gram[:, VELOCITY, POSITION] = own[..., VELOCITY].swapaxes(1, 2)
-    gram[:, one:, POSITION] = own[..., one:].swapaxes(1, 2)
-    gram[:, one:, VELOCITY] = velocities.swapaxes(1, 2)
-    return Basis(rest, origin, functions, one, gram)

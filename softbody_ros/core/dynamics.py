@@ -15,7 +15,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softbody_ros.core import contact, goals, matching, pins, rigid_contact, rigid_motion
-from softbody_ros.core.basis import POSITION, VELOCITY, Basis, functions, make_basis, row_of_one
+from softbody_ros.core.basis import (
+    POSITION,
+    VELOCITY,
+    Basis,
+    functions,
+    gram_matrix,
+    products,
+    row_of_one,
+)
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
@@ -23,8 +31,11 @@ from softbody_ros.core.pins import Pins
 from softbody_ros.core.regions import Regions
 from softbody_ros.core.rest_shape import LINEAR, RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
-from softbody_ros.core.sums import weighted
+from softbody_ros.core.sums import blocks
 from softbody_ros.core.tick import Particles, Tick
+
+LANDMARKS = 1000
+"""Particles, about, of which the mean is taken to know where a body is."""
 
 
 @dataclass
@@ -189,18 +200,28 @@ def predict(batch: Batch, tick: Tick) -> Basis:
     one = row_of_one(tick.regions is not None)
     if batch.functions.shape[:2] != (len(batch), one + 1 + features):
         batch.functions = functions(len(batch), rest, features, one)
-    x, v = batch.functions[:, POSITION], batch.functions[:, VELOCITY]
-    origin = weighted(batch.x, rest.weights)
-    np.multiply(batch.v, h, out=x)
-    x += batch.x
-    x += (0.5 * h**2 * tick.gravity - origin).astype(x.dtype)[..., None]
-    np.add(batch.v, (h * tick.gravity).astype(v.dtype)[:, None], out=v)
-    if batch.push is not None:
-        acceleration = pushed(batch, batch.push, tick)
-        v += h * acceleration
-        acceleration *= 0.5 * h**2
-        x += acceleration
-    return make_basis(rest, batch.functions, one, origin)
+    everything, origin = batch.functions, middle(batch.x)
+    total = np.zeros((len(batch), 6, everything.shape[1]))
+    shift = (0.5 * h**2 * tick.gravity - origin)[..., None].astype(everything.dtype)
+    kick = (h * tick.gravity)[:, None].astype(everything.dtype)
+    push = None if batch.push is None else pushed(batch, batch.push, tick)
+    for part in blocks(rest.particle_count):
+        x, v = everything[:, POSITION, part], everything[:, VELOCITY, part]
+        np.multiply(batch.v[..., part], h, out=x)
+        x += batch.x[..., part]
+        x += shift
+        np.add(batch.v[..., part], kick, out=v)
+        if push is not None:
+            x += 0.5 * h**2 * push[..., part]
+            v += h * push[..., part]
+        total += products(everything, rest, one, part)
+    return Basis(rest, origin, everything, one, gram_matrix(total, rest, one))
+
+
+def middle(x: np.ndarray) -> np.ndarray:
+    """Return about where bodies at x (B, 3, n) are: means (B, 3) of some of their particles."""
+    some = x[..., :: x.shape[-1] // LANDMARKS + 1]
+    return np.add.reduce(some, axis=-1, dtype=np.float64) / some.shape[-1]
 
 
 def moved(batch: Batch) -> Particles:

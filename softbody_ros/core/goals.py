@@ -231,10 +231,11 @@ def of_bodies(
     rest, parted = (tick.rest, tick.regions) if pins is None else (pins.rest, pins.regions)
     everyone = len(rows) == len(basis)
     gains = tick.gains if everyone else tick.gains.of(rows)
-    x = basis.functions[:, POSITION] if everyone else basis.functions[rows, POSITION]
+    chosen = slice(None) if everyone else rows
     if pins is None:
-        total = basis.gram[rows, POSITION, basis.one :]
+        total = basis.gram[chosen, POSITION, basis.one :]
     else:
+        x = basis.functions[chosen, POSITION]
         total = sums(x, rest.weighted_features[: 1 + tick.gains.features])
     require_finite(total)
     centre, moment = total[..., 0], total[..., 1:] / rest.scale
@@ -245,6 +246,7 @@ def of_bodies(
     parts = None
     if parted is not None:
         stretch = None if plastic is None else plastic[:, 1:]
+        x = basis.functions[chosen, POSITION]
         parts = regions.match(x, parted, rest, stretch)
     after = flowed(plastic, fits, parts, parted, gains)
     return Group(rows, gains, rest, parted, pins, centre, undeformed, fits, parts, after)

@@ -4,12 +4,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
+CACHED = 16384
+"""Particles that are passed over several times while they are in the cache."""
 BLOCK = 8192
 """Numbers of a matrix that a vector is multiplied with: BLAS may split more among threads."""
 PRODUCTS = 1 << 18
 """The same for the multiplications in a product of two matrices."""
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """Yield slices of so many particles that stay in the cache, all in all of `count`."""
+    for start in range(0, count, CACHED):
+        yield slice(start, min(start + CACHED, count))
 
 
 def sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
