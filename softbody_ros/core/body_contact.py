@@ -89,23 +89,24 @@ def _touching(
     alone = sum(sizes) < 2 and all(skin.pieces == 1 for skin in skins)
     if not flights or (alone and not spiky and not len(points)):
         return None
-    numbers = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
+    numbers = [sum(sizes[:index]) for index in range(len(sizes))]
     found = joined(
         [
             touch.boxes(flight.particles.x, skin, flight.tick.gains.thickness, number)
             for flight, skin, number in zip(flights, skins, numbers, strict=True)
         ]
     )
-    of_bodies = [skins[index] for index, size in enumerate(sizes) for _ in range(size)]
-    one, two = touch.pairs(found, of_bodies)
+    one, two = touch.pairs(found, skins, sizes)
+    if not len(one) and not spiky and not len(points):
+        return None
     fixed, box, place = _fixed_points(found, spiky, points)
     involved = np.zeros(sum(sizes), dtype=bool)
     involved[found.body[np.concatenate([one, two, box])]] = True
     if not involved.any():
         return None
     sources, first = [], 0
-    for flight, skin, number in zip(flights, skins, numbers, strict=True):
-        rows = np.flatnonzero(involved[number])
+    for flight, skin, number, size in zip(flights, skins, numbers, sizes, strict=True):
+        rows = np.flatnonzero(involved[number : number + size])
         if len(rows):
             sources.append(Source(flight, skin, rows, first))
             first += len(rows)

@@ -10,6 +10,9 @@ import numpy as np
 
 from softbody_ros.core.columns import ranges
 
+FEW = 64
+"""Boxes up to which it is faster to compare each with each than to sort them."""
+
 
 @dataclass(frozen=True)
 class Boxes:
@@ -31,24 +34,52 @@ class Boxes:
     piece: np.ndarray
 
 
+def bounds(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the least and the largest values (…) in rows of numbers (…, n).
+
+    Row by row in one list: `min` along an axis begins anew with each row, which takes longer than
+    the numbers of a short row do.
+    """
+    first = np.arange(0, x.size, x.shape[-1])
+    numbers = x.reshape(-1)
+    low, high = np.minimum.reduceat(numbers, first), np.maximum.reduceat(numbers, first)
+    return low.reshape(x.shape[:-1]), high.reshape(x.shape[:-1])
+
+
 def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the pairs of boxes that overlap: (p,) int and (p,) int, the first before the second.
 
-    Sort and sweep along the axis in which the boxes are spread the most.
+    In order: by the first, then by the second.
     """
-    axis = int(np.argmax((low + high).std(axis=0)))
-    order = np.argsort(low[:, axis], kind='stable')
-    low, high = low[order], high[order]
-    behind = np.arange(len(low)) + 1
-    count = np.maximum(np.searchsorted(low[:, axis], high[:, axis]) - behind, 0)
-    first = np.repeat(behind - 1, count)
-    second = ranges(behind, count)
-    meet = np.ones(len(first), dtype=bool)
+    rows = np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)
+    return _compared(*rows) if len(low) <= FEW else _swept(*rows)
+
+
+def _compared(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compare each box with each; corners (3, N)."""
+    below = low[:, :, None] < high[:, None]
+    meet = below[0] & below[1] & below[2]
+    meet &= meet.T
+    first, second = np.nonzero(meet)
+    once = first < second
+    return first[once], second[once]
+
+
+def _swept(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sort and sweep along the axis in which the boxes, corners (3, N), are spread the most."""
+    centre = low + high
+    axis = int(np.argmax(centre.max(axis=1) - centre.min(axis=1)))
+    order = np.argsort(low[axis], kind='stable')
+    begin, end = low[axis, order], high[axis, order]
+    behind = np.arange(len(order)) + 1
+    count = np.maximum(np.searchsorted(begin, end) - behind, 0)
+    first, second = order[np.repeat(behind - 1, count)], order[ranges(behind, count)]
     for other in {0, 1, 2} - {axis}:
-        meet &= low[first, other] < high[second, other]
-        meet &= low[second, other] < high[first, other]
-    first, second = order[first[meet]], order[second[meet]]
+        begin, end = low[other], high[other]
+        meet = (begin[first] < end[second]) & (begin[second] < end[first])
+        first, second = first[meet], second[meet]
     first, second = np.minimum(first, second), np.maximum(first, second)
     sorted_pairs = np.lexsort((second, first))
     return first[sorted_pairs], second[sorted_pairs]

@@ -15,6 +15,8 @@ Columns = TypeVar('Columns', bound=Any)
 
 def joined(parts: Sequence[Columns]) -> Columns:
     """Return dataclasses of arrays, at least one, as one: column by column."""
+    if len(parts) == 1:
+        return parts[0]
     names = [item.name for item in dataclasses.fields(parts[0])]
     columns = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
     return type(parts[0])(*columns)

@@ -51,7 +51,7 @@ class Source:
         """Return a field (B, 3, n) of the flight as (b n, 3) float64, in the order of the skin."""
         part = field[self.rows]
         if self.skin.pieces > 1:
-            part = part[..., self.skin.order]
+            part = part.take(self.skin.order, axis=2)
         return part.swapaxes(1, 2).reshape(-1, 3).astype(np.float64, copy=False)
 
     def put(self, field: np.ndarray, values: np.ndarray) -> None:

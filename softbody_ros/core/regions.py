@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from softbody_ros.core import plasticity
 from softbody_ros.core.rest_shape import LINEAR, RestShape, pseudo_inverse
-from softbody_ros.core.sums import sums
+from softbody_ros.core.sums import mapped, sums
 
 FLAT = 0.01
 """Squared extent, relative to the largest, below which a region has no stretch across itself."""
@@ -34,18 +34,18 @@ class Regions:
     """
     Constants of the K regions of a rest shape of n particles.
 
-    Both `gather` and `spread` hold the four numbers ω [1 q] for each particle of each region: ω is
-    the share that the particle has in the region, q its offset from the region's centre of mass
-    in the rest shape, divided by the scale of the shape.
-
     Attributes
     ----------
     members : (K, m) int
         particles of each region; the smaller regions' rows are filled up with particle 0
-    gather : (K, 4, m) float
-        particles → moments: times the particle's weight, and zero where a row is filled up
-    spread : (n, 4 K) sparse
-        transforms → goals
+    places : (overlap, n) int
+        where in `members`, as one list, each particle is
+    features : (K, 4, m) float
+        ω [1 q] for each particle of each region: ω is the share that the particle has in the
+        region, q its offset from the region's centre of mass in the rest shape, divided by the
+        scale of the shape; zero where a row is filled up
+    weighted_features : (K, 4, m) float
+        times the weights of the particles
     centre : (K, 3) float
         centres of mass in the rest shape, as its features q
     home : (n,) int
@@ -62,8 +62,9 @@ class Regions:
     """
 
     members: np.ndarray
-    gather: np.ndarray
-    spread: csr_array
+    places: np.ndarray
+    features: np.ndarray
+    weighted_features: np.ndarray
     centre: np.ndarray
     home: np.ndarray
     belongs: csr_array
@@ -126,24 +127,21 @@ def make_regions(
     gram[np.einsum('kii->k', gram) < POINT * mass] = 0.0
     pairs = [pseudo_inverse(each, FLAT) for each in gram]
 
-    columns = 4 * region[:, None] + np.arange(4)
-    rows = np.broadcast_to(particle[:, None], columns.shape)
-    spread = csr_array(
-        (affine.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points), 4 * count)
-    )
-    spread.sort_indices()
     order = np.argsort(region, kind='stable')
     sizes = np.bincount(region, minlength=count)
     place = np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     members = np.zeros((count, sizes.max()), dtype=np.int64)
-    gather = np.zeros((count, 4, members.shape[1]))
     members[region[order], place] = particle[order]
-    gather[region[order], :, place] = (weights[particle, None] * affine)[order]
+    places = np.empty_like(order)
+    places[order] = region[order] * members.shape[1] + place
+    features = np.zeros((count, 4, members.shape[1]))
+    features[region[order], :, place] = affine[order]
     dtype = rest.features.dtype
     return Regions(
         members=members,
-        gather=gather.astype(dtype),
-        spread=spread.astype(dtype),
+        places=places.reshape(member.shape).T.copy(),
+        features=features.astype(dtype),
+        weighted_features=(features * weights[members][:, None]).astype(dtype),
         centre=centre,
         home=member[np.arange(len(points)), shares.argmax(axis=1)],
         belongs=csr_array((np.ones(len(region)), (particle, region)), shape=(len(points), count)),
@@ -225,7 +223,7 @@ def match(
     """
     # a few times faster than a sparse matrix: products of a vector with a small dense matrix
     members = x.take(regions.members.ravel(), axis=2).reshape(*x.shape[:2], regions.count, -1)
-    total = sums(members.swapaxes(1, 2), regions.gather)
+    total = sums(members.swapaxes(1, 2), regions.weighted_features)
     moment = total[..., 1:] / rest.scale
     centre = total[..., 0] / regions.mass[:, None]
     return RegionMatch(centre, moment, plasticity.undeformed(moment, stretch))
@@ -237,11 +235,11 @@ def goals(matched: RegionMatch, regions: Regions, rest: RestShape) -> np.ndarray
     transforms = np.empty((bodies, 3, regions.count, 4), rest.features.dtype)
     transforms[..., 0] = matched.centre.swapaxes(1, 2)
     transforms[..., 1:] = rest.scale * matched.undeformed.swapaxes(1, 2)
-    result = np.empty((bodies, 3, rest.particle_count), rest.features.dtype)
-    for row, transform in zip(
-        result.reshape(3 * bodies, -1), transforms.reshape(3 * bodies, -1), strict=True
-    ):
-        row[:] = regions.spread @ transform
+    # as above: first all members of all regions, then which of them each particle is
+    members = mapped(transforms[..., None, :], regions.features).reshape(bodies, 3, -1)
+    result = members.take(regions.places[0], axis=2)
+    for places in regions.places[1:]:
+        result += members.take(places, axis=2)
     return result
 
 

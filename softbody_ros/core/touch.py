@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.boxes import Boxes, inside_boxes, overlapping
+from softbody_ros.core.boxes import Boxes, bounds, inside_boxes, overlapping
 from softbody_ros.core.columns import joined
 from softbody_ros.core.crowd import Crowd, Source
 from softbody_ros.core.skin import Skin
@@ -32,7 +32,7 @@ DEEP, SAME_WAY, TO_CENTRE = 0.01, 0.3, 0.9
 is on its way through: it has to leave on the side of its own body's centre."""
 
 
-def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, number: np.ndarray) -> Boxes:
+def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, number: int) -> Boxes:
     """
     Return the boxes around the pieces of bodies that share a skin.
 
@@ -43,27 +43,30 @@ def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, number: np.ndarray) -> 
     skin : Skin
     margin : (B,) float
         m
-    number : (B,) int
-        of the bodies among all
+    number : int
+        of the first of the bodies among all
 
     """
     if skin.pieces == 1:
-        low, high = x.min(axis=2)[:, None], x.max(axis=2)[:, None]
+        low, high = (corner[:, None] for corner in bounds(x))
     else:
         particle, first = skin.covered
-        covered = x[..., particle]
+        covered = x.take(particle, axis=2)
         low = np.minimum.reduceat(covered, first, axis=2).swapaxes(1, 2)
         high = np.maximum.reduceat(covered, first, axis=2).swapaxes(1, 2)
     wide = (margin + SLACK * skin.rest.scale)[:, None, None]
+    body, piece = np.divmod(np.arange(len(x) * skin.pieces), skin.pieces)
     return Boxes(
         (low - wide).reshape(-1, 3).astype(np.float64),
         (high + wide).reshape(-1, 3).astype(np.float64),
-        np.repeat(number, skin.pieces),
-        np.tile(np.arange(skin.pieces), len(x)),
+        number + body,
+        piece,
     )
 
 
-def pairs(found: Boxes, skins: Sequence[Skin]) -> tuple[np.ndarray, np.ndarray]:
+def pairs(
+    found: Boxes, skins: Sequence[Skin], sizes: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the pairs of boxes whose contents may touch: of two bodies, or of one with itself.
 
@@ -71,14 +74,18 @@ def pairs(found: Boxes, skins: Sequence[Skin]) -> tuple[np.ndarray, np.ndarray]:
     ----------
     found : Boxes
     skins : sequence of Skin
-        of each body
+    sizes : sequence of int
+        numbers of bodies that have them, one after the other
 
     """
     one, two = overlapping(found.low, found.high)
     kept = found.body[one] != found.body[two]
-    for index in np.flatnonzero(~kept).tolist():
-        a, b = one[index], two[index]
-        kept[index] = skins[found.body[a]].strangers[found.piece[a], found.piece[b]]
+    own = np.flatnonzero(~kept)
+    if len(own):
+        skin_of = np.repeat(np.arange(len(skins)), sizes)[found.body[one[own]]]
+        for index in set(skin_of.tolist()):
+            mine = own[skin_of == index]
+            kept[mine] = skins[index].strangers[found.piece[one[mine]], found.piece[two[mine]]]
     return one[kept], two[kept]
 
 
