@@ -17,6 +17,10 @@ from softbody_ros.core.sums import mapped, sums, weighted
 
 INERTIA_CUT = 1e-12
 """Principal inertias below this fraction of the largest count as zero."""
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""Axes after and before x, y and z."""
+TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
+"""(3, 3, 3): matrices that turn vectors by 90° about x, y and z: those of e × r."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +100,9 @@ def field(
         m/s
 
     """
-    cross = np.zeros((len(angular_velocity), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = angular_velocity
-    cross[:, [1, 2, 0], [2, 0, 1]] = -angular_velocity
-    result = mapped(cross.astype(x.dtype, copy=False), x)
-    result += (velocity - applied(cross, centre)).astype(x.dtype)[..., None]
+    turning = np.matmul(angular_velocity, TURNS.reshape(3, 9)).reshape(-1, 3, 3)
+    result = mapped(turning.astype(x.dtype, copy=False), x)
+    result += (velocity - applied(turning, centre)).astype(x.dtype, copy=False)[..., None]
     return result
 
 
@@ -136,8 +138,9 @@ def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the vector products (k, 3); several times faster than `numpy.cross` for few rows."""
-    forwards, backwards = [1, 2, 0], [2, 0, 1]
-    return a[:, forwards] * b[:, backwards] - a[:, backwards] * b[:, forwards]
+    a, b = a.T, b.T
+    forwards = a.take(NEXT, axis=0) * b.take(LAST, axis=0)
+    return (forwards - a.take(LAST, axis=0) * b.take(NEXT, axis=0)).T
 
 
 def _inertia(gram: np.ndarray) -> np.ndarray:
