@@ -26,6 +26,7 @@ from softbody_ros.core import boxes, rigid_motion
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
+from softbody_ros.core.sums import mapped
 from softbody_ros.core.sweep import first_touch
 from softbody_ros.core.tick import Particles, Tick
 
@@ -129,31 +130,37 @@ def find(
         those that may touch, by default all
 
     """
-    if obstacle.config.type == 'plane':
-        start = None
-    if bodies is not None and not len(bodies):
-        return NO_CONTACTS
     if bodies is not None and len(bodies) < len(x):
+        if not len(bodies):
+            return NO_CONTACTS
         before = None if start is None else start[bodies]
-        body, particle = _candidates(x[bodies], obstacle, thickness[bodies], before)
-        body = bodies[body]
+        part = find(x[bodies], obstacle, thickness[bodies], before)
+        body = bodies[part.body]
+        return dataclasses.replace(part, body=body, place=_place(body, part.particle, x))
+    way = np.zeros((len(x), 3))
+    if obstacle.config.type == 'plane':
+        body, particle = _below(x, obstacle, thickness)
     else:
-        body, particle = _candidates(x, obstacle, thickness, start)
+        if start is not None:
+            way = _way(x, start, obstacle)
+        body, particle = _within(x, obstacle, thickness[:, None] + way)
     if not len(body):
         return NO_CONTACTS
-    place = _place(body, particle, x.shape[2])
+    place = _place(body, particle, x)
     points, gap = x.take(place.T).T, thickness.take(body)
     depth, normal = _closest(points, obstacle, gap)
     swept = np.zeros(len(body), dtype=bool)
-    if start is not None:
+    if start is not None and way.any():
         _sweep(points, start.take(place.T).T, obstacle, gap, depth, normal, swept)
     velocity = obstacle.surface_velocity(points)
     return Contacts(body, particle, normal, depth, velocity, swept, place).where(depth > 0.0)
 
 
-def _place(body: np.ndarray, particle: np.ndarray, particles: int) -> np.ndarray:
-    """Return where coordinates (k, 3) are in a flat array of bodies of so many particles."""
-    return (3 * particles * body + particle + particles * np.arange(3)[:, None]).T
+def _place(body: np.ndarray, particle: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return where the coordinates (k, 3) of particles are in x, seen as flat."""
+    particles = x.shape[2]
+    axes = np.arange(0, 3 * particles, particles)[:, None]
+    return (axes + (3 * particles * body + particle)).T
 
 
 def _closest(
@@ -198,28 +205,36 @@ def _sweep(
     depth[fast], normal[fast], swept[fast] = entered[wrong], way_out[wrong], True
 
 
-def _candidates(
-    x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray, start: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return body and particle indices of those that may touch: a cheap test for all."""
-    if obstacle.config.type == 'plane':
-        normal, offset = obstacle.half_space
-        height = np.matmul(normal.astype(x.dtype, copy=False), x)
-        limit = (offset + thickness).astype(x.dtype, copy=False)
-        return _indices(height < limit[:, None])
-    low = high = _in_frame(x, obstacle.position, obstacle.rotation)
-    if start is not None:
-        before = _in_frame(start, *(obstacle.before or (obstacle.position, obstacle.rotation)))
-        if np.abs(before - low).max() > obstacle.slow / 3**0.5:
-            low, high = np.minimum(low, before), np.maximum(high, before)
+def _below(x: np.ndarray, plane: Obstacle, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return body and particle indices of those nearer to a plane than a thickness (B,), m."""
+    normal, offset = plane.half_space
+    height = np.matmul(normal.astype(x.dtype, copy=False), x)
+    limit = (offset + thickness).astype(x.dtype, copy=False)
+    return _indices(height < limit[:, None])
+
+
+def _within(x: np.ndarray, obstacle: Obstacle, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return body and particle indices of those in the box of an obstacle, and a reach (B, 3)."""
     # a little more, for the rounding of single precision
-    limit = (1.01 * obstacle.half_extents + thickness[:, None]).astype(x.dtype)[..., None]
-    return _indices(((low < limit) & (high > -limit)).all(axis=1))
+    half = 1.01 * np.abs(obstacle.rotation) @ obstacle.half_extents + reach
+    low = (obstacle.position - half).astype(x.dtype, copy=False)[..., None]
+    high = (obstacle.position + half).astype(x.dtype, copy=False)[..., None]
+    return _indices(((x > low) & (x < high)).all(axis=1))
 
 
-def _in_frame(x: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return positions (B, 3, n) in the frame of an obstacle at a pose."""
-    return np.matmul(rotation.T.astype(x.dtype), x - position.astype(x.dtype)[:, None])
+def _way(x: np.ndarray, start: np.ndarray, obstacle: Obstacle) -> np.ndarray:
+    """Return (B, 3): how far bodies come along each axis, seen from an obstacle, 0 if slow, m."""
+    if obstacle.before is not None:
+        position, rotation = obstacle.before
+        turn = (obstacle.rotation @ rotation.T).astype(x.dtype, copy=False)
+        shift = (obstacle.position - turn @ position).astype(x.dtype, copy=False)
+        come = x - mapped(turn, start)
+        come -= shift[:, None]
+    else:
+        come = x - start
+    way = np.abs(come, out=come).max(axis=2)
+    way[way.max(axis=1) <= obstacle.slow / 3**0.5] = 0.0
+    return way
 
 
 def _indices(selected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -356,6 +371,12 @@ class Patch:
         share of the body's mass that each touching particle has
     arms : (k, 3) float
         from the centre of mass, m
+    rows : (k, 6) float
+        normal, and arm × normal, m: impulses along the normals times them are wrenches
+    first : (b,) int
+        where the contacts of each of the b bodies that touch begin
+    bodies : (b,) int
+        which bodies touch
 
     """
 
@@ -363,24 +384,24 @@ class Patch:
     motion: RigidMotion
     weight: np.ndarray
     arms: np.ndarray
+    rows: np.ndarray
+    first: np.ndarray
+    bodies: np.ndarray
 
     @cached_property
-    def first(self) -> np.ndarray:
-        """(b,) int: where the contacts of the b bodies that touch begin."""
-        body = self.contacts.body
-        begins = np.ones(len(body), dtype=bool)
-        np.not_equal(body[1:], body[:-1], out=begins[1:])
-        return np.flatnonzero(begins)
+    def mass(self) -> np.ndarray:
+        """(B,) float: share of the body's mass that touches."""
+        return np.maximum(self.sum(self.weight), TINY)
 
-    @cached_property
-    def bodies(self) -> np.ndarray:
-        """(b,) int: which bodies touch."""
-        return self.contacts.body.take(self.first)
-
-    @cached_property
+    @property
     def share(self) -> np.ndarray:
         """(k,) float: of the touching mass."""
-        return self.weight / self.sum(self.weight).take(self.contacts.body)
+        return self.weight / self.mass.take(self.contacts.body)
+
+    @property
+    def levers(self) -> np.ndarray:
+        """(k, 3) float: arm × normal, m: what a turn of the body does along the normal."""
+        return self.rows[:, 3:]
 
     def sum(self, values: np.ndarray) -> np.ndarray:
         """Return the sums (B, …) of values (k, …) over the patches."""
@@ -393,24 +414,14 @@ class Patch:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the means (B,) of values (k,) over the patches."""
-        return self.sum(self.share * values)
-
-    @cached_property
-    def levers(self) -> np.ndarray:
-        """(k, 3) float: arm × normal, m: what a turn of the body does along the normal."""
-        return rigid_motion.cross(self.arms, self.contacts.normal)
-
-    @cached_property
-    def rows(self) -> np.ndarray:
-        """(k, 6) float: normal and lever: impulses along the normals times them are wrenches."""
-        return np.concatenate([self.contacts.normal.T, self.levers.T]).T
+        return self.sum(self.weight * values) / self.mass
 
     @cached_property
     def speed(self) -> np.ndarray:
         """(B,) float: of the patch, along the normal away from the obstacle, m/s."""
         contacts, motion = self.contacts, self.motion
         twist = np.concatenate([motion.velocity, motion.angular_velocity], axis=1)
-        speed = _dot(self.wrench(self.share), twist)
+        speed = _dot(self.wrench(self.weight), twist) / self.mass
         if contacts.surface_velocity.any():
             speed -= self.mean(_dot(contacts.surface_velocity, contacts.normal))
         return speed
@@ -421,8 +432,7 @@ class Patch:
 
     def momentum_of(self, impulse: np.ndarray) -> np.ndarray:
         """Return (B, 2, 3): the sums of impulses (k, 3), and of what they turn."""
-        turning = rigid_motion.cross(self.arms, impulse)
-        return self.sum(np.concatenate([impulse.T, turning.T]).T).reshape(-1, 2, 3)
+        return self.sum(_with_moment(impulse, self.arms)).reshape(-1, 2, 3)
 
     def motion_by(self, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the velocities, m/s, rad/s, (B, 3), by impulses (k,) along the normals."""
@@ -432,9 +442,15 @@ class Patch:
 
 def make_patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patch:
     """Return where bodies at x (B, 3, n), m, touch an obstacle."""
+    body = contacts.body
     # a particle without area has no weight: it must not divide by zero
     weight = np.maximum(rest.weights.take(contacts.particle).astype(np.float64), TINY)
-    return Patch(contacts, motion, weight, contacts.of(x) - _at(motion.centre, contacts.body))
+    arms = contacts.of(x) - _at(motion.centre, body)
+    bodies = np.flatnonzero(np.bincount(body))
+    first = np.searchsorted(body, bodies)
+    return Patch(
+        contacts, motion, weight, arms, _with_moment(contacts.normal, arms), first, bodies
+    )
 
 
 def depth_of_goals(
@@ -477,14 +493,15 @@ def carried_weight(patch: Patch, sunk: np.ndarray, weight: np.ndarray, tick: Tic
 
     """
     body, h = patch.contacts.body, tick.h
-    depth = patch.mean(sunk)
+    pressure = patch.weight * sunk
+    pressed = patch.sum(pressure)
     heaviness = -_dot(patch.contacts.normal, _at(weight, body))
-    load = patch.mean(np.maximum(heaviness, 0.0))
+    load, depth = patch.mean(np.maximum(heaviness, 0.0)), pressed / patch.mass
     spring, damping = support(load, depth, tick.rest.scale, h)
     # implicit: the damper sees the speed after the push, which at rest is zero
     force = (spring - damping * patch.speed) / (1.0 + damping * h)
     push = h * np.minimum(np.maximum(force, 0.0), load)
-    return (push / np.maximum(depth, TINY)).take(body) * patch.share * sunk
+    return (push / np.maximum(pressed, TINY)).take(body) * pressure
 
 
 def support(
@@ -530,7 +547,9 @@ def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
     # the speed halfway through the push, so that the turn of the motion is found at any step
     impulse = patch.weight * push
     leaving = (patch.speed + 0.5 * patch.sum(impulse)) / settling - SETTLED
-    lost = 0.5 * (1.0 - tick.gains.elasticity) * np.minimum(np.maximum(leaving, 0.0), 1.0)
+    if leaving.max() <= 0.0:
+        return np.zeros(len(push))
+    lost = 0.5 * (1.0 - tick.gains.elasticity) * np.clip(leaving, 0.0, 1.0)
     return -lost.take(patch.contacts.body) * impulse
 
 
@@ -592,6 +611,11 @@ def _rubbed(body: np.ndarray, sliding: np.ndarray, pressed: np.ndarray, tick: Ti
 def _at(values: np.ndarray, body: np.ndarray) -> np.ndarray:
     """Return (k, 3): the values (B, 3) of the bodies that touch."""
     return values.T.take(body, axis=1).T
+
+
+def _with_moment(vectors: np.ndarray, arms: np.ndarray) -> np.ndarray:
+    """Return (k, 6): vectors (k, 3), and arms (k, 3) × vectors."""
+    return np.concatenate([vectors.T, rigid_motion.cross(arms, vectors).T]).T
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

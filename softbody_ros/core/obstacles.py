@@ -64,9 +64,7 @@ class Obstacle:
         """Return signed distances (k,) and outward normals (k, 3) of world points (k, 3)."""
         if self.config.type == 'plane':
             normal, offset = self.half_space
-            normals = np.empty((3, len(points)))
-            normals[:] = normal[:, None]
-            return points @ normal - offset, normals.T
+            return points @ normal - offset, np.repeat(normal, len(points)).reshape(3, -1).T
         distance, normals = self.distance(self.local(points))
         return distance, self.to_world(normals)
 
