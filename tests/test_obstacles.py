@@ -334,7 +334,7 @@ def test_goals_behind_a_thin_plate_are_as_deep_as_if_it_were_thick():
         contacts = contact.find(x, obstacle, np.zeros(1), start)
         assert len(contacts) == 1
         for goal, depth in ((-0.3, 0.31), (-0.008, 0.018), (0.008, 0.002), (0.2, 0.0)):
-            goals = np.array([0.1, 0.2, goal]).reshape(1, 3, 1)
+            goals = np.array([[0.1, 0.2, goal]])
             found = contact.depth_of_goals(x, contacts, obstacle, goals, tick)
             assert found == pytest.approx(depth)
 

@@ -7,6 +7,9 @@ A deformable body meets an obstacle particle by particle, with friction. That al
 sink in until enough light particles touch; so the obstacle also *carries its weight* as a whole,
 but no more than its weight: at rest the body keeps its shape, and an impact, whose forces are many
 times the weight, squashes it all the same. Restitution, too, is that of the body as a whole.
+
+Few particles touch, so what a NumPy call costs by itself counts. Arrays (k, 3) of contacts are
+therefore views of arrays (3, k): NumPy then runs along the contacts, not along the three axes.
 """
 
 from __future__ import annotations
@@ -15,32 +18,36 @@ from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
+import math
 
 import numpy as np
 
 from softbody_ros.core import boxes, rigid_motion
-from softbody_ros.core.columns import summed
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
+from softbody_ros.core.sums import mapped
 from softbody_ros.core.sweep import first_touch
 from softbody_ros.core.tick import Particles, Tick
 
 SINKAGE = 0.01
 """Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
+SQUARE = 1e-6
+"""Cosine between faces at right angles, with its rounding."""
 WALLS = 3
 """Walls of one obstacle that a fast particle can meet in a tick: in a corner there are three."""
 ROUNDING = 1e-6
 """Depth, in RMS radii, of particles on the surface."""
 SETTLED = 0.1
 """Speed, in those of a body that falls by `SINKAGE`, up to which a body does not rebound."""
+TINY = 1e-300
 
 
 @dataclass(frozen=True)
 class Contacts:
     """
-    The k particles of a batch that touch one obstacle.
+    The k particles of a batch that touch one obstacle, one body after the other.
 
     Attributes
     ----------
@@ -53,6 +60,8 @@ class Contacts:
         of the obstacle at the particle, m/s
     swept : (k,) bool
         where the obstacle counts as the half space that a fast particle has entered
+    place : (k, 3) int
+        where the particle's coordinates are in a flat (B, 3, n) array
 
     """
 
@@ -62,6 +71,7 @@ class Contacts:
     depth: np.ndarray
     surface_velocity: np.ndarray
     swept: np.ndarray
+    place: np.ndarray
 
     def __len__(self) -> int:
         return len(self.body)
@@ -70,13 +80,17 @@ class Contacts:
         """Return some of the contacts, given as a mask or as indices."""
         if selected.dtype == bool and selected.all():
             return self
-        columns = (getattr(self, item.name) for item in dataclasses.fields(self))
-        return Contacts(*(column[selected] for column in columns))
+        columns = (getattr(self, item.name).T for item in dataclasses.fields(self))
+        return Contacts(*(column[..., selected].T for column in columns))
 
-    def after(self, shift: np.ndarray) -> Contacts:
-        """Return the contacts after particles have been shifted by a (B, 3, n) field, m."""
-        outwards = np.einsum('ij,ij->i', shift[self.body, :, self.particle], self.normal)
-        return dataclasses.replace(self, depth=np.maximum(self.depth - outwards, 0.0))
+    def of(self, field: np.ndarray) -> np.ndarray:
+        """Return what a (B, 3, n) field is at the touching particles, (k, 3)."""
+        return field.take(self.place.T).T
+
+    def shift(self, way: np.ndarray) -> None:
+        """Let the particles be less deep, in place: they have gone a way (k, 3), m."""
+        outwards = _dot(way, self.normal)
+        np.maximum(self.depth - outwards, 0.0, out=self.depth)
 
 
 NO_CONTACTS = Contacts(
@@ -86,6 +100,7 @@ NO_CONTACTS = Contacts(
     np.zeros(0),
     np.zeros((0, 3)),
     np.zeros(0, dtype=bool),
+    np.zeros((0, 3), dtype=np.int64),
 )
 
 
@@ -116,40 +131,52 @@ def find(
         those that may touch, by default all
 
     """
-    if obstacle.config.type == 'plane':
-        start = None
-    if bodies is not None and not len(bodies):
-        return NO_CONTACTS
     if bodies is not None and len(bodies) < len(x):
-        part = find(
-            x[bodies], obstacle, thickness[bodies], None if start is None else start[bodies]
-        )
-        return dataclasses.replace(part, body=bodies[part.body])
-    body, particle = _candidates(x, obstacle, thickness, start)
+        if not len(bodies):
+            return NO_CONTACTS
+        before = None if start is None else start[bodies]
+        part = find(x[bodies], obstacle, thickness[bodies], before)
+        body = bodies[part.body]
+        return dataclasses.replace(part, body=body, place=_place(body, part.particle, x))
+    way = np.zeros((len(x), 3))
+    if obstacle.config.type == 'plane':
+        body, particle = _below(x, obstacle, thickness)
+    else:
+        if start is not None:
+            way = _way(x, start, obstacle)
+        body, particle = _within(x, obstacle, thickness[:, None] + way)
     if not len(body):
         return NO_CONTACTS
-    points = x[body, :, particle]
-    depth, normal = _closest(points, obstacle, thickness[body])
+    place = _place(body, particle, x)
+    points, gap = x.take(place.T).T, thickness.take(body)
+    depth, normal = _closest(points, obstacle, gap)
     swept = np.zeros(len(body), dtype=bool)
-    if start is not None:
-        _sweep(points, start[body, :, particle], obstacle, thickness[body], depth, normal, swept)
+    if start is not None and way.any():
+        _sweep(points, start.take(place.T).T, obstacle, gap, depth, normal, swept)
     velocity = obstacle.surface_velocity(points)
-    return Contacts(body, particle, normal, depth, velocity, swept).where(depth > 0.0)
+    return Contacts(body, particle, normal, depth, velocity, swept, place).where(depth > 0.0)
+
+
+def _place(body: np.ndarray, particle: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return where the coordinates (k, 3) of particles are in x, seen as flat."""
+    particles = x.shape[2]
+    axes = np.arange(0, 3 * particles, particles)[:, None]
+    return (axes + (3 * particles * body + particle)).T
 
 
 def _closest(
     points: np.ndarray, obstacle: Obstacle, thickness: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return depths (k,), m, and normals (k, 3) of points (k, 3) with thickness (k,)."""
-    local = (points - obstacle.position) @ obstacle.rotation
     if obstacle.faces is None:
-        distance, normal = obstacle.distance(local)
-        return thickness - distance, normal @ obstacle.rotation.T
+        distance, normal = obstacle.closest(points)
+        return thickness - distance, normal
+    local = obstacle.local(points)
     depth, normal = np.full(len(points), -np.inf), np.zeros(points.shape)
     close = ~obstacle.is_clear(local, thickness)
     distance, normal[close] = obstacle.distance(local[close])
     depth[close] = thickness[close] - distance
-    return depth, normal @ obstacle.rotation.T
+    return depth, obstacle.to_world(normal)
 
 
 def _sweep(
@@ -164,14 +191,14 @@ def _sweep(
     """Let fast particles leave on the side on which they came: change the others, in place."""
     before = obstacle.before or (obstacle.position, obstacle.rotation)
     start = (start - before[0]) @ before[1]
-    end = (points - obstacle.position) @ obstacle.rotation
+    end = obstacle.local(points)
     length = np.linalg.norm(end - start, axis=1)
     fast = np.flatnonzero(length > obstacle.slow)
     fast = fast[~obstacle.is_clear(start[fast], thickness[fast] + length[fast])]
     if not len(fast):
         return
     touched, distance, way_out = first_touch(obstacle, start[fast], end[fast], thickness[fast])
-    way_out = way_out @ obstacle.rotation.T
+    way_out = obstacle.to_world(way_out)
     entered = thickness[fast] - distance
     same_side = np.einsum('ij,ij->i', way_out, normal[fast]) > 0.5
     wrong = touched & (entered > 0.0) & ~(same_side & (depth[fast] > 0.5 * entered))
@@ -179,34 +206,43 @@ def _sweep(
     depth[fast], normal[fast], swept[fast] = entered[wrong], way_out[wrong], True
 
 
-def _candidates(
-    x: np.ndarray, obstacle: Obstacle, thickness: np.ndarray, start: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return body and particle indices of those that may touch: a cheap test for all."""
-    if obstacle.config.type == 'plane':
-        normal = obstacle.rotation[:, 2]
-        height = np.matmul(normal.astype(x.dtype), x)
-        limit = obstacle.position @ normal + thickness
-        return _indices(height < limit.astype(x.dtype)[:, None])
-    low = high = _in_frame(x, obstacle.position, obstacle.rotation)
-    if start is not None:
-        before = _in_frame(start, *(obstacle.before or (obstacle.position, obstacle.rotation)))
-        if np.abs(before - low).max() > obstacle.slow / 3**0.5:
-            low, high = np.minimum(low, before), np.maximum(high, before)
+def _below(x: np.ndarray, plane: Obstacle, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return body and particle indices of those nearer to a plane than a thickness (B,), m."""
+    normal, offset = plane.half_space
+    height = np.matmul(normal.astype(x.dtype, copy=False), x)
+    limit = (offset + thickness).astype(x.dtype, copy=False)
+    return _indices(height < limit[:, None])
+
+
+def _within(x: np.ndarray, obstacle: Obstacle, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return body and particle indices of those in the box of an obstacle, and a reach (B, 3)."""
     # a little more, for the rounding of single precision
-    limit = (1.01 * obstacle.half_extents + thickness[:, None]).astype(x.dtype)[..., None]
-    return _indices(((low < limit) & (high > -limit)).all(axis=1))
+    half = 1.01 * np.abs(obstacle.rotation) @ obstacle.half_extents + reach
+    low = (obstacle.position - half).astype(x.dtype, copy=False)[..., None]
+    high = (obstacle.position + half).astype(x.dtype, copy=False)[..., None]
+    return _indices(((x > low) & (x < high)).all(axis=1))
 
 
-def _in_frame(x: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return positions (B, 3, n) in the frame of an obstacle at a pose."""
-    return np.matmul(rotation.T.astype(x.dtype), x - position.astype(x.dtype)[:, None])
+def _way(x: np.ndarray, start: np.ndarray, obstacle: Obstacle) -> np.ndarray:
+    """Return (B, 3): how far bodies come along each axis, seen from an obstacle, 0 if slow, m."""
+    if obstacle.before is not None:
+        position, rotation = obstacle.before
+        turn = (obstacle.rotation @ rotation.T).astype(x.dtype, copy=False)
+        shift = (obstacle.position - turn @ position).astype(x.dtype, copy=False)
+        come = x - mapped(turn, start)
+        come -= shift[:, None]
+    else:
+        come = x - start
+    way = np.abs(come, out=come).max(axis=2)
+    way[way.max(axis=1) <= obstacle.slow / 3**0.5] = 0.0
+    return way
 
 
 def _indices(selected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what `numpy.nonzero` returns, several times faster for large bodies."""
-    body, particle = np.divmod(np.flatnonzero(selected), selected.shape[1])
-    return body, particle
+    place = np.flatnonzero(selected)
+    body = place // selected.shape[1]
+    return body, place - selected.shape[1] * body
 
 
 def nearby(
@@ -266,46 +302,62 @@ def meet(
     """
     if tick.gains.rigid.all():
         return
-    changed = False
-    thickness = tick.gains.thickness
-    near = nearby(particles, obstacles, thickness)
+    x, v, thickness = particles.x, particles.v, tick.gains.thickness
+    near, changed = None, False
     for index, obstacle in enumerate(obstacles):
         for wall in range(WALLS):
-            contacts = find(particles.x, obstacle, thickness, particles.start, near[index])
-            contacts = contacts.where(~tick.gains.rigid[contacts.body])
+            if near is None:
+                near = _deformable(nearby(particles, obstacles, thickness), tick)
+            contacts = find(x, obstacle, thickness, particles.start, near[index])
             if wall > 0:
                 # the particles that have just been put onto the surface are no contacts
                 contacts = contacts.where(contacts.depth > ROUNDING * tick.rest.scale)
             if not len(contacts):
                 break
             if changed:
-                motion = rigid_motion.rigid_motion(
-                    particles.x, particles.v, motion.centre, tick.rest
-                )
-            patch = make_patch(particles.x, contacts, motion, tick.rest)
-            sunk = depth_of_goals(particles.x, contacts, obstacle, match, tick)
+                motion = rigid_motion.rigid_motion(x, v, motion.centre, tick.rest)
+            patch = make_patch(x, contacts, motion, tick.rest)
+            goals = match.goals_of(contacts.body, contacts.particle)
+            sunk = depth_of_goals(x, contacts, obstacle, goals, tick)
             _respond(particles, patch, sunk, tick)
-            near, changed = nearby(particles, obstacles, thickness), True
+            near, changed = None, True
             if not contacts.swept.any():
                 break
 
 
+def _deformable(near: list[np.ndarray], tick: Tick) -> list[np.ndarray]:
+    """Return for each obstacle those of the bodies near it that are not rigid."""
+    rigid = tick.gains.rigid
+    return [bodies[~rigid[bodies]] for bodies in near] if rigid.any() else near
+
+
 def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -> None:
     """Let bodies meet an obstacle: as wholes, by their particles, and as wholes again."""
-    x, v, contacts = particles.x, particles.v, patch.contacts
+    contacts = patch.contacts
     carried = carried_weight(patch, sunk, tick.gravity + particles.pressed, tick)
     if carried.any():
-        lift = patch.motion_by(carried, x)
-        v += lift
-        lift *= 0.5 * tick.h
-        x += lift
-        contacts = contacts.after(lift)
+        before = contacts.of(particles.x)
+        _move(particles, patch, carried, 0.5 * tick.h)
+        contacts.shift(contacts.of(particles.x) - before)
     push, change = collide(particles, contacts, carried / patch.weight, tick)
     absorbed = absorbed_rebound(patch, push, tick)
     if absorbed.any():
-        v += patch.motion_by(absorbed, x)
+        _move(particles, patch, absorbed, 0.0)
     as_whole = (carried + absorbed)[:, None] * contacts.normal
     particles.received[:] += patch.momentum_of(as_whole + patch.weight[:, None] * change)
+
+
+def _move(particles: Particles, patch: Patch, impulse: np.ndarray, time: float) -> None:
+    """Let impulses (k,) along the normals move bodies as wholes, in place, for some time, s."""
+    velocity, angular_velocity = patch.motion_by(impulse)
+    x, v, centre, bodies = particles.x, particles.v, patch.motion.centre, patch.bodies
+    # copies of many bodies would cost more than bodies that stay
+    rows = bodies if 2 * len(bodies) < len(x) else slice(None)
+    moving = rigid_motion.field(x[rows], centre[rows], velocity[rows], angular_velocity[rows])
+    v[rows] += moving
+    if time:
+        moving *= time
+        x[rows] += moving
 
 
 @dataclass(frozen=True)
@@ -319,78 +371,102 @@ class Patch:
     motion : RigidMotion
     weight : (k,) float
         share of the body's mass that each touching particle has
-    share : (k,) float
-        share of the touching mass
     arms : (k, 3) float
         from the centre of mass, m
+    rows : (k, 6) float
+        normal, and arm × normal, m: impulses along the normals times them are wrenches
+    first : (b,) int
+        where the contacts of each of the b bodies that touch begin
+    bodies : (b,) int
+        which bodies touch
 
     """
 
     contacts: Contacts
     motion: RigidMotion
     weight: np.ndarray
-    share: np.ndarray
     arms: np.ndarray
+    rows: np.ndarray
+    first: np.ndarray
+    bodies: np.ndarray
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """(B,) float: share of the body's mass that touches."""
+        return np.maximum(self.sum(self.weight), TINY)
+
+    @property
+    def share(self) -> np.ndarray:
+        """(k,) float: of the touching mass."""
+        return self.weight / self.mass.take(self.contacts.body)
+
+    @property
+    def levers(self) -> np.ndarray:
+        """(k, 3) float: arm × normal, m: what a turn of the body does along the normal."""
+        return self.rows[:, 3:]
+
+    def sum(self, values: np.ndarray) -> np.ndarray:
+        """Return the sums (B, …) of values (k, …) over the patches."""
+        sums = np.add.reduceat(values.T, self.first, axis=-1).T
+        if len(sums) == len(self.motion.centre):
+            return sums
+        every = np.zeros((len(self.motion.centre), *values.shape[1:]))
+        every[self.bodies] = sums
+        return every
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the means (B,) of values (k,) over the patches."""
-        return _per_body(self.share * values, self.contacts.body, len(self.motion.centre))
-
-    @cached_property
-    def levers(self) -> np.ndarray:
-        """(k, 3) float: arm × normal, m: what a turn of the body does along the normal."""
-        return rigid_motion.cross(self.arms, self.contacts.normal)
+        return self.sum(self.weight * values) / self.mass
 
     @cached_property
     def speed(self) -> np.ndarray:
         """(B,) float: of the patch, along the normal away from the obstacle, m/s."""
-        body, motion = self.contacts.body, self.motion
-        velocity = motion.velocity[body] - self.contacts.surface_velocity
-        speeds = np.einsum('ij,ij->i', velocity, self.contacts.normal)
-        speeds += np.einsum('ij,ij->i', motion.angular_velocity[body], self.levers)
-        return self.mean(speeds)
+        contacts, motion = self.contacts, self.motion
+        twist = np.concatenate([motion.velocity, motion.angular_velocity], axis=1)
+        speed = _dot(self.wrench(self.weight), twist) / self.mass
+        if contacts.surface_velocity.any():
+            speed -= self.mean(_dot(contacts.surface_velocity, contacts.normal))
+        return speed
+
+    def wrench(self, impulse: np.ndarray) -> np.ndarray:
+        """Return (B, 6): the sums of impulses (k,) along the normals, and of what they turn."""
+        return self.sum(impulse[:, None] * self.rows)
 
     def momentum_of(self, impulse: np.ndarray) -> np.ndarray:
         """Return (B, 2, 3): the sums of impulses (k, 3), and of what they turn."""
-        body, bodies = self.contacts.body, len(self.motion.centre)
-        turning = rigid_motion.cross(self.arms, impulse)
-        return np.stack(
-            [_per_body(impulse, body, bodies), _per_body(turning, body, bodies)], axis=1
-        )
+        return self.sum(_with_moment(impulse, self.arms)).reshape(-1, 2, 3)
 
-    def motion_by(self, impulse: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return the rigid motions (B, 3, n) that impulses (k,) along the normals cause, m/s."""
-        body = self.contacts.body
-        velocity = _per_body(impulse[:, None] * self.contacts.normal, body, len(x))
-        spin = _per_body(impulse[:, None] * self.levers, body, len(x))
-        angular_velocity = rigid_motion.applied(self.motion.inverse_inertia, spin)
-        return rigid_motion.field(x, self.motion.centre, velocity, angular_velocity)
+    def motion_by(self, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the velocities, m/s, rad/s, (B, 3), by impulses (k,) along the normals."""
+        wrench = self.wrench(impulse)
+        return wrench[:, :3], rigid_motion.applied(self.motion.inverse_inertia, wrench[:, 3:])
 
 
 def make_patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patch:
     """Return where bodies at x (B, 3, n), m, touch an obstacle."""
-    body, particle = contacts.body, contacts.particle
+    body = contacts.body
     # a particle without area has no weight: it must not divide by zero
-    weight = np.maximum(rest.weights[particle].astype(np.float64), 1e-300)
-    share = weight / _per_body(weight, body, len(x))[body]
-    arms = x[body, :, particle] - motion.centre[body]
-    return Patch(contacts, motion, weight, share, arms)
+    weight = np.maximum(rest.weights.take(contacts.particle).astype(np.float64), TINY)
+    arms = contacts.of(x) - _at(motion.centre, body)
+    bodies = np.flatnonzero(np.bincount(body))
+    first = np.searchsorted(body, bodies)
+    return Patch(
+        contacts, motion, weight, arms, _with_moment(contacts.normal, arms), first, bodies
+    )
 
 
 def depth_of_goals(
-    x: np.ndarray, contacts: Contacts, obstacle: Obstacle, match: Match, tick: Tick
+    x: np.ndarray, contacts: Contacts, obstacle: Obstacle, goals: np.ndarray, tick: Tick
 ) -> np.ndarray:
-    """Return (k,): how deep the goals of touching particles lie in the obstacle, m, or 0."""
-    body, particle = contacts.body, contacts.particle
-    goal = match.goals_of(body, particle)
-    distance, normal = obstacle.distance((goal - obstacle.position) @ obstacle.rotation)
-    depth = tick.gains.thickness[body] - distance
-    # behind a thin wall goals are as deep as if it were thick
-    normal = normal @ obstacle.rotation.T
-    beyond = contacts.swept | (np.einsum('ij,ij->i', normal, contacts.normal) < 0.0)
-    offset = goal - x[body, :, particle]
-    below = contacts.depth - np.einsum('ij,ij->i', offset, contacts.normal)
-    return np.maximum(np.where(beyond, below, depth), 0.0)
+    """Return (k,): how deep the goals (k, 3) of touching particles lie in the obstacle, m, or 0."""
+    distance, normal = obstacle.closest(goals)
+    depth = tick.gains.thickness.take(contacts.body) - distance
+    if obstacle.config.type != 'plane':
+        # behind a thin wall goals are as deep as if it were thick
+        beyond = contacts.swept | (_dot(normal, contacts.normal) < -SQUARE)
+        below = contacts.depth - _dot(goals - contacts.of(x), contacts.normal)
+        depth = np.where(beyond, below, depth)
+    return np.maximum(depth, 0.0)
 
 
 def carried_weight(patch: Patch, sunk: np.ndarray, weight: np.ndarray, tick: Tick) -> np.ndarray:
@@ -417,15 +493,15 @@ def carried_weight(patch: Patch, sunk: np.ndarray, weight: np.ndarray, tick: Tic
 
     """
     body, h = patch.contacts.body, tick.h
-    depth = patch.mean(sunk)
-    heaviness = -np.einsum('ij,ij->i', patch.contacts.normal, weight[body])
-    load = patch.mean(np.maximum(heaviness, 0.0))
+    pressure = patch.weight * sunk
+    pressed = patch.sum(pressure)
+    heaviness = -_dot(patch.contacts.normal, _at(weight, body))
+    load, depth = patch.mean(np.maximum(heaviness, 0.0)), pressed / patch.mass
     spring, damping = support(load, depth, tick.rest.scale, h)
     # implicit: the damper sees the speed after the push, which at rest is zero
     force = (spring - damping * patch.speed) / (1.0 + damping * h)
     push = h * np.minimum(np.maximum(force, 0.0), load)
-    pressure = sunk / np.where(depth > 0.0, depth, 1.0)[body]
-    return push[body] * patch.share * pressure
+    return (push / np.maximum(pressed, TINY)).take(body) * pressure
 
 
 def support(
@@ -442,7 +518,7 @@ def support(
 
 def settling_speed(gravity: np.ndarray, scale: float | np.ndarray) -> float | np.ndarray:
     """Return the speed, m/s, of bodies that settle under a gravity (3,): a fall by `SINKAGE`."""
-    return np.sqrt(max(float(np.linalg.norm(gravity)), 1e-300) * SINKAGE * scale)
+    return np.sqrt(max(math.hypot(*gravity), TINY) * SINKAGE * scale)
 
 
 def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
@@ -469,10 +545,12 @@ def absorbed_rebound(patch: Patch, push: np.ndarray, tick: Tick) -> np.ndarray:
     # fades out at the speeds of a body that settles, whose weight must be carried in full
     settling = settling_speed(tick.gravity, tick.rest.scale)
     # the speed halfway through the push, so that the turn of the motion is found at any step
-    given = _per_body(patch.weight * push, patch.contacts.body, len(patch.speed))
-    leaving = np.clip((patch.speed + 0.5 * given) / settling - SETTLED, 0.0, 1.0)
-    lost = 0.5 * (1.0 - tick.gains.elasticity) * leaving
-    return -lost[patch.contacts.body] * patch.weight * push
+    impulse = patch.weight * push
+    leaving = (patch.speed + 0.5 * patch.sum(impulse)) / settling - SETTLED
+    if leaving.max() <= 0.0:
+        return np.zeros(len(push))
+    lost = 0.5 * (1.0 - tick.gains.elasticity) * np.clip(leaving, 0.0, 1.0)
+    return -lost.take(patch.contacts.body) * impulse
 
 
 def collide(
@@ -503,35 +581,43 @@ def collide(
         all that has changed of their velocities, m/s
 
     """
-    x, v, gains = particles.x, particles.v, tick.gains
-    body, particle, normal = contacts.body, contacts.particle, contacts.normal
-    points = x[body, :, particle]
-    relative = v[body, :, particle] - contacts.surface_velocity
-    normal_speed = np.einsum('ij,ij->i', relative, normal)
+    x, v, normal = particles.x, particles.v, contacts.normal
+    points, velocity = contacts.of(x), contacts.of(v)
+    relative = velocity - contacts.surface_velocity
+    normal_speed = _dot(relative, normal)
     push = np.maximum(-normal_speed, 0.0)
-
     tangential = relative - normal_speed[:, None] * normal
-    friction = gains.friction[body]
-    kept = 1.0 - friction
-    if gains.coulomb.any():
-        sliding_speed = np.linalg.norm(tangential, axis=1)
-        stopped = friction * (push + carried) / np.where(sliding_speed > 0.0, sliding_speed, 1.0)
-        kept = np.where(gains.coulomb[body], 1.0 - np.minimum(stopped, 1.0), kept)
-    kept = kept[:, None]
+    slid = points - contacts.of(particles.start) - tick.h * contacts.surface_velocity
+    slid -= _dot(slid, normal)[:, None] * normal
+    rubbed = _rubbed(contacts.body, tangential, push + carried, tick)[:, None]
 
-    slid = points - particles.start[body, :, particle] - tick.h * contacts.surface_velocity
-    slid -= np.einsum('ij,ij->i', slid, normal)[:, None] * normal
-    x[body, :, particle] = points + contacts.depth[:, None] * normal - (1.0 - kept) * slid
-    v[body, :, particle] = (
-        contacts.surface_velocity + (normal_speed + push)[:, None] * normal + kept * tangential
-    )
-    return push, push[:, None] * normal - (1.0 - kept) * tangential
+    change = push[:, None] * normal - rubbed * tangential
+    x.put(contacts.place.T, (points + contacts.depth[:, None] * normal - rubbed * slid).T)
+    v.put(contacts.place.T, (velocity + change).T)
+    return push, change
 
 
-def _per_body(values: np.ndarray, body: np.ndarray, bodies: int) -> np.ndarray:
-    """Return the sums over each body's contacts, (B,) or (B, 3), in a fixed order."""
-    if bodies == 1:
-        return values.sum(axis=0, keepdims=True)
-    if values.ndim == 1:
-        return np.bincount(body, values, bodies)
-    return summed(values, body, bodies)
+def _rubbed(body: np.ndarray, sliding: np.ndarray, pressed: np.ndarray, tick: Tick) -> np.ndarray:
+    """Return the share (k,) of the sliding (k, 3), m/s, that friction takes under a load, m/s."""
+    gains = tick.gains
+    friction = gains.friction.take(body)
+    if not gains.coulomb.any():
+        return friction
+    speed = np.linalg.norm(sliding, axis=1)
+    bounded = np.minimum(friction * pressed / np.maximum(speed, TINY), 1.0)
+    return np.where(gains.coulomb.take(body), bounded, friction)
+
+
+def _at(values: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Return (k, 3): the values (B, 3) of the bodies that touch."""
+    return values.T.take(body, axis=1).T
+
+
+def _with_moment(vectors: np.ndarray, arms: np.ndarray) -> np.ndarray:
+    """Return (k, 6): vectors (k, 3), and arms (k, 3) × vectors."""
+    return np.concatenate([vectors.T, rigid_motion.cross(arms, vectors).T]).T
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the scalar products (k,) of vectors (k, 3)."""
+    return np.add.reduce(a * b, axis=1)

@@ -11,6 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from softbody_ros.core import rigid_motion
 from softbody_ros.core.config import ConfigError, ObstacleConfig
 from softbody_ros.core.mesh import PRIMITIVES, MeshError, Surface, make_surface
 from softbody_ros.core.nearest_faces import NearestFaces, nearest_faces
@@ -46,7 +47,7 @@ class Obstacle:
     faces: NearestFaces | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
 
-    @property
+    @cached_property
     def moves(self) -> bool:
         """Whether it has a velocity."""
         return any(self.config.velocity_linear) or any(self.config.velocity_angular)
@@ -54,9 +55,32 @@ class Obstacle:
     def surface_velocity(self, points: np.ndarray) -> np.ndarray:
         """Return (k, 3): its velocity at points (k, 3), m/s."""
         if not self.moves:
-            return np.zeros(points.shape)
-        spin = np.cross(self.config.velocity_angular, points - self.position)
-        return np.array(self.config.velocity_linear) + spin
+            return np.zeros((3, len(points))).T
+        velocity, angular = self.config.velocity_linear, self.config.velocity_angular
+        pose = (self.position, np.array(velocity), np.array(angular))
+        return rigid_motion.field(points.T[None], *(each[None] for each in pose))[0].T
+
+    def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return signed distances (k,) and outward normals (k, 3) of world points (k, 3)."""
+        if self.config.type == 'plane':
+            normal, offset = self.half_space
+            return points @ normal - offset, np.repeat(normal, len(points)).reshape(3, -1).T
+        distance, normals = self.distance(self.local(points))
+        return distance, self.to_world(normals)
+
+    def local(self, points: np.ndarray) -> np.ndarray:
+        """Return points (k, 3) in its frame."""
+        return (points - self.position) @ self.rotation
+
+    def to_world(self, vectors: np.ndarray) -> np.ndarray:
+        """Return vectors (k, 3) of its frame in world coordinates."""
+        return np.matmul(self.rotation, vectors.T).T
+
+    @cached_property
+    def half_space(self) -> tuple[np.ndarray, float]:
+        """The normal (3,) of a plane, and how far along it its surface lies, m."""
+        normal = self.rotation[:, 2].copy()
+        return normal, float(self.position @ normal)
 
     # --------------------------------------------------------------------------- in its own frame
     @cached_property

@@ -24,6 +24,8 @@ LEVI_CIVITA[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
 _INERTIA_OF_GRAM = np.outer(np.eye(3), np.eye(3)) - np.eye(9)
 INERTIA_CUT = 1e-12
 """Principal inertias below this fraction of the largest count as zero."""
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""Axes after and before x, y and z."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ def field(
     """
     cross = cross_matrix(angular_velocity)
     result = mapped(cross.astype(x.dtype, copy=False), x)
-    result += (velocity - applied(cross, centre)).astype(x.dtype)[..., None]
+    result += (velocity - applied(cross, centre)).astype(x.dtype, copy=False)[..., None]
     return result
 
 
@@ -184,8 +186,9 @@ def applied(tensor: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the vector products (k, 3); several times faster than `numpy.cross` for few rows."""
-    forwards, backwards = [1, 2, 0], [2, 0, 1]
-    return a[:, forwards] * b[:, backwards] - a[:, backwards] * b[:, forwards]
+    a, b = a.T, b.T
+    forwards = a.take(NEXT, axis=0) * b.take(LAST, axis=0)
+    return (forwards - a.take(LAST, axis=0) * b.take(NEXT, axis=0)).T
 
 
 def _inertia(gram: np.ndarray) -> np.ndarray:

@@ -229,7 +229,8 @@ def _standing(
             if not len(contacts):
                 continue
             patch = contact.make_patch(x, contacts, flight.motion, tick.rest)
-            sunk = contact.depth_of_goals(x, contacts, obstacle, flight.match, tick)
+            goals = flight.match.goals_of(contacts.body, contacts.particle)
+            sunk = contact.depth_of_goals(x, contacts, obstacle, goals, tick)
             touching = np.unique(contacts.body)
             row = patch.share[:, None] * np.hstack([contacts.normal, patch.levers])
             body.append(source.first + np.searchsorted(source.rows, touching))

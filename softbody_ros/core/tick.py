@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+import math
 
 import numpy as np
 
@@ -75,4 +76,4 @@ class Tick:
 
     def slow(self, acceleration: np.ndarray) -> float:
         """Return the speed, m/s, up to which nothing bounces under an acceleration (3,), m/s²."""
-        return SLOW_TICKS * self.h * float(np.linalg.norm(acceleration))
+        return SLOW_TICKS * self.h * math.hypot(*acceleration)
