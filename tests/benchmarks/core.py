@@ -88,7 +88,7 @@ def with_spread(values):
 
 def span(values):
     """Return the range of values with two decimals, as text."""
-    low, high = (f'{value:.2f}' for value in (min(values), max(values)))
+    low, high = (f'{round(value, 2) + 0.0:.2f}' for value in (min(values), max(values)))
     return low if low == high else f'{low} … {high}'
 
 
@@ -103,9 +103,12 @@ def print_table(caption, header, rows):
 
 
 def print_workloads(caption, runs, columns, cell):
-    """Print a table with a row for each workload."""
-    workloads = names_in(runs, 'workload')
-    rows = [[workload, *(cell(workload, column) for column in columns)] for workload in workloads]
+    """Print a table with a row for each workload of which anything is known."""
+    rows = []
+    for workload in names_in(runs, 'workload'):
+        cells = [cell(workload, column) for column in columns]
+        if set(cells) != {NOTHING}:
+            rows.append([workload, *cells])
     print_table(caption, ['', *columns], rows)
 
 
