@@ -25,6 +25,8 @@ setup(
     # trimesh reads meshes with texture coordinates by way of pillow
     install_requires=['numpy>=1.26', 'scipy>=1.11', 'trimesh>=4.0', 'pillow'],
     extras_require={
+        # what tests/benchmarks compares with, and draws with
+        'bench': ['pypbd>=2.2', 'rapier3d>=0.36', 'matplotlib'],
         'jazzy': [
             'ros-jazzy-rclpy',
             'ros-jazzy-common-interfaces',
