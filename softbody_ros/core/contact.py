@@ -33,10 +33,10 @@ from softbody_ros.core.tick import Particles, Tick
 
 SINKAGE = 0.01
 """Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
-SQUARE = 1e-6
-"""Cosine between faces at right angles, with its rounding."""
 WALLS = 3
 """Walls of one obstacle that a fast particle can meet in a tick: in a corner there are three."""
+SQUARE = 1e-6
+"""Cosine, up to rounding, of the normals of faces at right angles."""
 ROUNDING = 1e-6
 """Depth, in RMS radii, of particles on the surface."""
 SETTLED = 0.1
@@ -446,7 +446,7 @@ def make_patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: Res
     """Return where bodies at x (B, 3, n), m, touch an obstacle."""
     body = contacts.body
     # a particle without area has no weight: it must not divide by zero
-    weight = np.maximum(rest.weights.take(contacts.particle).astype(np.float64), TINY)
+    weight = np.maximum(rest.weights.take(contacts.particle).astype(np.float64, copy=False), TINY)
     arms = contacts.of(x) - _at(motion.centre, body)
     bodies = np.flatnonzero(np.bincount(body))
     first = np.searchsorted(body, bodies)
@@ -501,7 +501,7 @@ def carried_weight(patch: Patch, sunk: np.ndarray, weight: np.ndarray, tick: Tic
     # implicit: the damper sees the speed after the push, which at rest is zero
     force = (spring - damping * patch.speed) / (1.0 + damping * h)
     push = h * np.minimum(np.maximum(force, 0.0), load)
-    return (push / np.maximum(pressed, TINY)).take(body) * pressure
+    return push.take(body) * pressure / np.maximum(pressed, TINY).take(body)
 
 
 def support(
@@ -604,8 +604,8 @@ def _rubbed(body: np.ndarray, sliding: np.ndarray, pressed: np.ndarray, tick: Ti
     if not gains.coulomb.any():
         return friction
     speed = np.linalg.norm(sliding, axis=1)
-    bounded = np.minimum(friction * pressed / np.maximum(speed, TINY), 1.0)
-    return np.where(gains.coulomb.take(body), bounded, friction)
+    bound = np.minimum(friction * pressed / np.where(speed > 0.0, speed, 1.0), 1.0)
+    return np.where(gains.coulomb.take(body), bound, friction)
 
 
 def _at(values: np.ndarray, body: np.ndarray) -> np.ndarray:
