@@ -62,7 +62,7 @@ def _compared(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray
     below = low[:, :, None] < high[:, None]
     meet = below[0] & below[1] & below[2]
     meet &= meet.T
-    first, second = np.nonzero(meet)
+    first, second = np.divmod(np.flatnonzero(meet), len(meet))
     once = first < second
     return first[once], second[once]
 
