@@ -458,7 +458,7 @@ def make_patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: Res
 def depth_of_goals(
     x: np.ndarray, contacts: Contacts, obstacle: Obstacle, goals: np.ndarray, tick: Tick
 ) -> np.ndarray:
-    """Return (k,): how deep the goals (k, 3) of touching particles lie in the obstacle, m, or 0."""
+    """Return (k,): how deep goals (k, 3) of touching particles lie in the obstacle, m, or 0."""
     distance, normal = obstacle.closest(goals)
     depth = tick.gains.thickness.take(contacts.body) - distance
     if obstacle.config.type != 'plane':
