@@ -25,7 +25,7 @@ from softbody_ros.core.rest_shape import LINEAR
 from softbody_ros.core.small_matrices import cofactors, entries, expanded, product, stacked
 
 LEAST_STACK = 20
-"""Matrices from which on the closed formula is faster than LAPACK: four times with 100."""
+"""Matrices from which on the closed formula is faster than LAPACK: with 100, 3.5 times."""
 LAMBDA_STEPS = 2
 """Of Newton's method: an error of 1e-10 is left of λ, which the last step on R squares."""
 LEAST_AREA = 0.01
