@@ -60,8 +60,6 @@ class Contacts:
         of the obstacle at the particle, m/s
     swept : (k,) bool
         where the obstacle counts as the half space that a fast particle has entered
-    place : (k, 3) int
-        where the particle's coordinates are in a flat (B, 3, n) array
 
     """
 
@@ -71,7 +69,6 @@ class Contacts:
     depth: np.ndarray
     surface_velocity: np.ndarray
     swept: np.ndarray
-    place: np.ndarray
 
     def __len__(self) -> int:
         return len(self.body)
@@ -85,7 +82,7 @@ class Contacts:
 
     def of(self, field: np.ndarray) -> np.ndarray:
         """Return what a (B, 3, n) field is at the touching particles, (k, 3)."""
-        return field.take(self.place.T).T
+        return field[self.body, :, self.particle]
 
     def shift(self, way: np.ndarray) -> None:
         """Let the particles be less deep, in place: they have gone a way (k, 3), m."""
@@ -100,7 +97,6 @@ NO_CONTACTS = Contacts(
     np.zeros(0),
     np.zeros((0, 3)),
     np.zeros(0, dtype=bool),
-    np.zeros((0, 3), dtype=np.int64),
 )
 
 
@@ -136,8 +132,7 @@ def find(
             return NO_CONTACTS
         before = None if start is None else start[bodies]
         part = find(x[bodies], obstacle, thickness[bodies], before)
-        body = bodies[part.body]
-        return dataclasses.replace(part, body=body, place=_place(body, part.particle, x))
+        return dataclasses.replace(part, body=bodies[part.body])
     way = np.zeros((len(x), 3))
     if obstacle.config.type == 'plane':
         body, particle = _below(x, obstacle, thickness)
@@ -147,21 +142,13 @@ def find(
         body, particle = _within(x, obstacle, thickness[:, None] + way)
     if not len(body):
         return NO_CONTACTS
-    place = _place(body, particle, x)
-    points, gap = x.take(place.T).T, thickness.take(body)
+    points, gap = x[body, :, particle], thickness.take(body)
     depth, normal = _closest(points, obstacle, gap)
     swept = np.zeros(len(body), dtype=bool)
     if start is not None and way.any():
-        _sweep(points, start.take(place.T).T, obstacle, gap, depth, normal, swept)
+        _sweep(points, start[body, :, particle], obstacle, gap, depth, normal, swept)
     velocity = obstacle.surface_velocity(points)
-    return Contacts(body, particle, normal, depth, velocity, swept, place).where(depth > 0.0)
-
-
-def _place(body: np.ndarray, particle: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return where the coordinates (k, 3) of particles are in x, seen as flat."""
-    particles = x.shape[2]
-    axes = np.arange(0, 3 * particles, particles)[:, None]
-    return (axes + (3 * particles * body + particle)).T
+    return Contacts(body, particle, normal, depth, velocity, swept).where(depth > 0.0)
 
 
 def _closest(
@@ -581,19 +568,20 @@ def collide(
         all that has changed of their velocities, m/s
 
     """
-    x, v, normal = particles.x, particles.v, contacts.normal
-    points, velocity = contacts.of(x), contacts.of(v)
+    body, particle, normal = contacts.body, contacts.particle, contacts.normal
+    points, velocity = contacts.of(particles.x), contacts.of(particles.v)
     relative = velocity - contacts.surface_velocity
     normal_speed = _dot(relative, normal)
     push = np.maximum(-normal_speed, 0.0)
     tangential = relative - normal_speed[:, None] * normal
     slid = points - contacts.of(particles.start) - tick.h * contacts.surface_velocity
     slid -= _dot(slid, normal)[:, None] * normal
-    rubbed = _rubbed(contacts.body, tangential, push + carried, tick)[:, None]
+    rubbed = _rubbed(body, tangential, push + carried, tick)[:, None]
 
     change = push[:, None] * normal - rubbed * tangential
-    x.put(contacts.place.T, (points + contacts.depth[:, None] * normal - rubbed * slid).T)
-    v.put(contacts.place.T, (velocity + change).T)
+    retreat = contacts.depth[:, None] * normal - rubbed * slid
+    particles.x[body, :, particle] = points + retreat
+    particles.v[body, :, particle] = velocity + change
     return push, change
 
 
