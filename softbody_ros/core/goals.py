@@ -56,8 +56,10 @@ class Match:
 
     def goals_of(self, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
         """Return the goals for velocities of particles (k,) of bodies (k,): (k, 3), m."""
-        values = self.basis.functions[body, :, particle]
-        return rigid_motion.applied(self._world_coefficients[body], values)
+        coefficients, functions = self._world_coefficients, self.basis.functions
+        if len(functions) == 1:
+            return (coefficients[0] @ functions[0].take(particle, axis=1)).T
+        return rigid_motion.applied(coefficients[body], functions[body, :, particle])
 
     @cached_property
     def goals(self) -> np.ndarray:
