@@ -345,10 +345,8 @@ def test_a_goal_at_a_face_at_right_angles_is_as_deep_as_it_is_there_however_a_bo
     pose = Rotation.from_matrix(turn).as_quat()
     cube = obstacles.made(ObstacleConfig(type='box', size=(1.0, 1.0, 1.0), orientation=pose))
     tick = Tick(None, None, make_gains([BodyConfig()], 1 / 240, 1 / 120), np.zeros(3), 1 / 240)
-    x, goals = (
-        (turn @ local).reshape(1, 3, 1)
-        for local in (np.array([0.1, 0.2, 0.9]), np.array([0.95, 0.2, 0.5]))
-    )
+    x = (turn @ (0.1, 0.2, 0.9)).reshape(1, 3, 1)
+    goals = (turn @ (0.95, 0.2, 0.5))[None]
     contacts = contact.find(x, cube, np.zeros(1))
     assert contacts.normal[0] == pytest.approx(turn[:, 2])
     assert contact.depth_of_goals(x, contacts, cube, goals, tick) == pytest.approx(0.05)

@@ -430,7 +430,7 @@ def test_a_rigid_body_has_no_use_for_regions():
     ]
     for world in worlds:
         world.step(400)
-    assert worlds[0].positions('body') == pytest.approx(worlds[1].positions('body'), abs=1e-12)
+    assert worlds[0].positions('body') == pytest.approx(worlds[1].positions('body'), abs=1e-9)
 
 
 # ------------------------------------------------------------------------------------------ batch

@@ -99,7 +99,7 @@ def strayed(fits: np.ndarray, volume: np.ndarray) -> np.ndarray:
 
     """
     block = fits[..., :LINEAR]
-    square = np.einsum('bij,bij->b', block, block)
+    square = _product(block, block)
     # the least stretch is at least det / (product of the others) >= 2 det / square
     roundness = 2.0 * np.linalg.det(block) / np.maximum(square, 1e-300)
     beyond = np.maximum(_ramp(roundness, LEAST_ROUNDNESS), 0.0)
@@ -108,7 +108,7 @@ def strayed(fits: np.ndarray, volume: np.ndarray) -> np.ndarray:
     beyond = np.maximum(beyond, _ramp(volume, LARGEST_VOLUME))
     if fits.shape[-1] > LINEAR:
         bend = fits[..., LINEAR:]
-        norm = np.sqrt(np.einsum('bij,bij->b', bend, bend))
+        norm = np.sqrt(_product(bend, bend))
         beyond = np.maximum(beyond, _ramp(norm, LARGEST_BEND))
     return np.minimum(beyond, 1.0)
 
@@ -212,7 +212,8 @@ def of_rest_volume(transform: np.ndarray, rest: RestShape) -> tuple[np.ndarray, 
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum('bif,bif->b', a, b)
+    """Return the scalar products (B,) of transforms (B, 3, F)."""
+    return np.add.reduce((a * b).reshape(len(a), -1), axis=1)
 
 
 def affine(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndarray:

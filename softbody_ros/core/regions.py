@@ -136,12 +136,17 @@ def make_regions(
     places[order] = region[order] * members.shape[1] + place
     features = np.zeros((count, 4, members.shape[1]))
     features[region[order], :, place] = affine[order]
+    weighted_features = features * weights[members][:, None]
+    # where next to nothing is beside a heavy particle, rounding of what that one adds to the
+    # moments would turn the region, the more the farther it is from where positions count from
+    rows, heaviest = np.arange(count), weighted_features[:, 0].argmax(axis=1)
+    weighted_features[rows, 1:, heaviest] -= weighted_features[:, 1:].sum(axis=2)
     dtype = rest.features.dtype
     return Regions(
         members=members,
         places=places.reshape(member.shape).T.copy(),
         features=features.astype(dtype),
-        weighted_features=(features * weights[members][:, None]).astype(dtype),
+        weighted_features=weighted_features.astype(dtype),
         centre=centre,
         home=member[np.arange(len(points)), shares.argmax(axis=1)],
         belongs=csr_array((np.ones(len(region)), (particle, region)), shape=(len(points), count)),
