@@ -358,20 +358,25 @@ class SimNode(Node):
 
     def _publish_contacts(self, stamp: int) -> None:
         """Publish what bodies feel of their contacts; zero, once, for those that feel no more."""
-        for name in self._world.names:
+        for_all = [self._contacts] if self._contacts.get_subscription_count() else []
+        for name, own in self._contacts_of.items():
+            publishers = for_all + ([own] if own.get_subscription_count() else [])
+            if not publishers:
+                self._touching.discard(name)
+                continue
             force, torque = self._world.contact_wrench(name)
             touched, touches = name in self._touching, bool(force.any() or torque.any())
             (self._touching.add if touches else self._touching.discard)(name)
-            if not (touched or touches):
-                continue
-            for publisher in (self._contacts, self._contacts_of[name]):
-                if publisher.get_subscription_count():
-                    publisher.publish(messages.wrench(stamp, self._frame_id, force, torque))
+            if touched or touches:
+                message = messages.wrench(stamp, self._frame_id, force, torque)
+                for publisher in publishers:
+                    publisher.publish(message)
 
     def _publish_mesh(self, stamp: int, positions: Callable[[str], np.ndarray]) -> None:
         for name in self._world.names:
             faces = self._world.rest_shape(name).surface.faces
-            corners = positions(name)[faces.reshape(-1)]
+            # several times faster than indexing with the array
+            corners = positions(name).take(faces.reshape(-1), axis=0)
             color = self._scene.appearances[name].color
             self._mesh.publish(
                 messages.serialized_marker(stamp, self._frame_id, name, color, corners)

@@ -5,6 +5,7 @@
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -526,17 +527,25 @@ def test_nothing_is_packed_without_subscribers(graph, monkeypatch):
     from softbody_ros import messages
 
     packed = []
-    for name in ('serialized_cloud', 'serialized_marker', 'odometry'):
-        original = getattr(messages, name)
+    for where, name in [
+        (messages, 'serialized_cloud'),
+        (messages, 'serialized_marker'),
+        (messages, 'odometry'),
+        (World, 'contact_wrench'),
+    ]:
+        original = getattr(where, name)
         monkeypatch.setattr(
-            messages, name, lambda *a, _f=original, _n=name: packed.append(_n) or _f(*a)
+            where, name, lambda *a, _f=original, _n=name: packed.append(_n) or _f(*a)
         )
-    sim = graph.sim_node(**SMALL)
+    sim = graph.sim_node(**SMALL, ball__position=[0.0, 0.0, 0.5])
     graph.spin_until(lambda: sim._world.tick > 60)
     assert not packed
     graph.collect(Odometry, f'{SIM}/odometry')
     graph.spin_until(lambda: packed)
     assert set(packed) == {'odometry'}
+    contacts = graph.collect(WrenchStamped, f'{SIM}/contacts/ball')
+    graph.spin_until(lambda: contacts)
+    assert set(packed) == {'odometry', 'contact_wrench'}
 
 
 def test_an_empty_list_of_obstacles_lets_the_ball_fall_on(graph):
