@@ -15,7 +15,7 @@ import numpy as np
 from softbody_ros.core.basis import POSITION, VELOCITY, Basis
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.small_matrices import symmetric_inverse
-from softbody_ros.core.sums import mapped, sums, weighted
+from softbody_ros.core.sums import blocks, mapped, sums, weighted
 
 LEVI_CIVITA = np.zeros((3, 3, 3))
 """Permutation symbol: (a × b)ᵢ = Σ εᵢⱼₖ aⱼ bₖ."""
@@ -111,11 +111,14 @@ def combination(
 
 def rigid_motion(x: np.ndarray, v: np.ndarray, centre: np.ndarray, rest: RestShape) -> RigidMotion:
     """Return the rigid part of a motion about given centres of mass (B, 3)."""
-    arms = x - centre.astype(x.dtype)[..., None]
-    heavy_arms = arms * rest.weights
-    spin = _spin(sums(heavy_arms, v))
-    inverse_inertia = _inverse_inertia(_inertia(sums(heavy_arms, arms)), rest)
-    return RigidMotion(centre, weighted(v, rest.weights), spin, inverse_inertia)
+    turning, gram = np.zeros((2, len(x), 3, 3))
+    for part in blocks(x.shape[-1]):
+        arms = x[..., part] - centre.astype(x.dtype)[..., None]
+        heavy_arms = arms * rest.weights[part]
+        turning += sums(heavy_arms, v[..., part])
+        gram += sums(heavy_arms, arms)
+    inverse_inertia = _inverse_inertia(_inertia(gram), rest)
+    return RigidMotion(centre, weighted(v, rest.weights), _spin(turning), inverse_inertia)
 
 
 def inertia(x: np.ndarray, centre: np.ndarray, rest: RestShape) -> np.ndarray:

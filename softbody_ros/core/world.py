@@ -45,7 +45,7 @@ from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 from softbody_ros.core.rotations import rotation
 from softbody_ros.core.skin import Skin
 from softbody_ros.core.sleep import Stillness
-from softbody_ros.core.sums import weighted
+from softbody_ros.core.sums import blocks, mapped, weighted
 from softbody_ros.core.tick import SimulationError
 
 Result = TypeVar('Result')
@@ -648,7 +648,6 @@ class World:
         rest, x, v = batch.rest, batch.x[row : row + 1], batch.v[row : row + 1]
         centre, moment = matching.moments(x, rest, 3)
         rotations = rotation(moment)
-        goal = matching.goals(centre, rotations, rest)
         motion = rigid_motion.rigid_motion(x, v, centre, rest)
         omega = motion.angular_velocity[0]
         to_origin = -rotations[0] @ rest.centre
@@ -657,7 +656,7 @@ class World:
             rotation=rotations[0],
             linear_velocity=motion.velocity[0] + np.cross(omega, to_origin),
             angular_velocity=omega,
-            displacement=np.linalg.norm(x[0] - goal[0], axis=0),
+            displacement=_distances(x[0], matching.affine(centre, rotations, rest)[0], rest),
         )
 
     def _require_body(self, name: str) -> None:
@@ -707,6 +706,18 @@ def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
     """Return (3, n) float: the rest shape at the start pose, m."""
     rotation = Rotation.from_quat(body.orientation).as_matrix()
     return rotation @ rest.surface.vertices.T + np.array(body.position)[:, None]
+
+
+def _distances(x: np.ndarray, coefficients: np.ndarray, rest: RestShape) -> np.ndarray:
+    """Return the distances (n,) of particles (3, n) from a transformed rest shape, m."""
+    coefficients = coefficients.astype(x.dtype, copy=False)
+    result = np.empty(x.shape[1], x.dtype)
+    for part in blocks(x.shape[1]):
+        apart = mapped(coefficients, rest.features[: coefficients.shape[1], part])
+        apart -= x[:, part]
+        apart *= apart
+        np.sqrt(np.add.reduce(apart, axis=0), out=result[part])
+    return result
 
 
 def _twist(linear: np.ndarray, angular: np.ndarray, arms: np.ndarray) -> np.ndarray:
