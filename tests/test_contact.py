@@ -16,8 +16,9 @@ from softbody_ros.core import (
     obstacles,
 )
 from softbody_ros.core.gains import make_gains
+from softbody_ros.core.particles import Particles
 from softbody_ros.core.rest_shape import make_rest_shape
-from softbody_ros.core.tick import Particles, Tick
+from softbody_ros.core.tick import Tick
 
 H = 1 / 240
 G = 9.81
@@ -136,9 +137,10 @@ def collided(velocity, obstacle=None, position=(0.0, 0.0, -0.01), h=H, **values)
     v = np.array(velocity, dtype=float).reshape(1, 3, 1)
     tick = Tick(cloud_of_one(), None, gains, np.array([0.0, 0.0, -G]), h)
     contacts = contact.find(x, obstacle, gains.thickness)
+    particles = Particles(np.concatenate([x, v], axis=1), x)
     if len(contacts):
-        contact.collide(Particles(x, v, x.copy()), contacts, np.zeros(1), tick)
-    return x[0, :, 0], v[0, :, 0]
+        contact.collide(particles, contacts, np.zeros(1), tick)
+    return particles.x[0, :, 0], particles.v[0, :, 0]
 
 
 @pytest.mark.parametrize('elasticity', [0.0, 1.0])

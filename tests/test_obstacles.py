@@ -24,8 +24,9 @@ from softbody_ros.core import (
 )
 from softbody_ros.core.gains import make_gains
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.particles import Particles
 from softbody_ros.core.point_obstacles import NO_POINTS
-from softbody_ros.core.tick import Particles, Tick
+from softbody_ros.core.tick import Tick
 
 MODES = ('rigid', 'linear', 'quadratic')
 THIN = 0.01
@@ -188,7 +189,7 @@ def test_a_ball_lies_on_several_obstacles_at_once_and_in_none():
 
 
 def particles_of(x, start):
-    return Particles(x, np.zeros_like(x), start)
+    return Particles(np.concatenate([x, np.zeros_like(x)], axis=1), start)
 
 
 def test_what_touches_is_nearby_and_what_is_far_away_is_not():
@@ -335,7 +336,7 @@ def test_goals_behind_a_thin_plate_are_as_deep_as_if_it_were_thick():
         assert len(contacts) == 1
         for goal, depth in ((-0.3, 0.31), (-0.008, 0.018), (0.008, 0.002), (0.2, 0.0)):
             goals = np.array([[0.1, 0.2, goal]])
-            found = contact.depth_of_goals(x, contacts, obstacle, goals, tick)
+            found = contact.depth_of_goals(contacts, obstacle, goals, tick)
             assert found == pytest.approx(depth)
 
 
@@ -349,7 +350,7 @@ def test_a_goal_at_a_face_at_right_angles_is_as_deep_as_it_is_there_however_a_bo
     goals = (turn @ (0.95, 0.2, 0.5))[None]
     contacts = contact.find(x, cube, np.zeros(1))
     assert contacts.normal[0] == pytest.approx(turn[:, 2])
-    assert contact.depth_of_goals(x, contacts, cube, goals, tick) == pytest.approx(0.05)
+    assert contact.depth_of_goals(contacts, cube, goals, tick) == pytest.approx(0.05)
 
 
 def test_an_obstacle_that_stops_has_no_motion_left():

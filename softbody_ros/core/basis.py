@@ -156,8 +156,22 @@ class Basis:
         self.gram[:, REGIONS] = products
         self.gram[:, :, REGIONS] = products.swapaxes(1, 2)
 
+    def in_world(self, coefficients: np.ndarray) -> np.ndarray:
+        """Return the coefficients (B, 3, C) of positions that do not count from the origin."""
+        result = coefficients.copy()
+        result[..., self.one] += self.origin
+        return result
+
     def evaluate(self, coefficients: np.ndarray, out: np.ndarray) -> None:
         """Write particles (B, 6, n), m and m/s, that have coefficients (B, 6, C)."""
         coefficients = coefficients.copy()
         coefficients[:, POSITION, self.one] += self.origin
         mapped(coefficients.astype(out.dtype, copy=False), self.functions, out)
+
+    def at(self, coefficients: np.ndarray, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
+        """Return positions (k, 3), m, with coefficients (B, 3, C), of particles of bodies (k,)."""
+        coefficients = self.in_world(coefficients)
+        if len(self) == 1:
+            return mapped(coefficients[0], self.functions[0].take(particle, axis=1)).T
+        values = self.functions[body, :, particle]
+        return np.matmul(coefficients[body], values[..., None])[..., 0]

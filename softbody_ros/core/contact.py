@@ -25,11 +25,12 @@ import numpy as np
 from softbody_ros.core import boxes, rigid_motion
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.particles import Particles, picked
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
-from softbody_ros.core.sums import blocks, mapped
+from softbody_ros.core.sums import mapped
 from softbody_ros.core.sweep import first_touch
-from softbody_ros.core.tick import Particles, Tick
+from softbody_ros.core.tick import Tick
 
 SINKAGE = 0.01
 """Depth, in RMS radii, at which 63 % of a resting body's weight is carried as a whole."""
@@ -52,6 +53,8 @@ class Contacts:
     Attributes
     ----------
     body, particle : (k,) int
+    point : (k, 3) float
+        where the particle is, m
     normal : (k, 3) float
         out of the obstacle
     depth : (k,) float
@@ -65,6 +68,7 @@ class Contacts:
 
     body: np.ndarray
     particle: np.ndarray
+    point: np.ndarray
     normal: np.ndarray
     depth: np.ndarray
     surface_velocity: np.ndarray
@@ -82,7 +86,7 @@ class Contacts:
 
     def of(self, field: np.ndarray) -> np.ndarray:
         """Return what a (B, 3, n) field is at the touching particles, (k, 3)."""
-        return _picked(field, self.body, self.particle)
+        return picked(field, self.body, self.particle)
 
     def put(self, field: np.ndarray, values: np.ndarray) -> None:
         """Write what `of` returns."""
@@ -100,6 +104,7 @@ class Contacts:
 NO_CONTACTS = Contacts(
     np.zeros(0, dtype=np.int64),
     np.zeros(0, dtype=np.int64),
+    np.zeros((0, 3)),
     np.zeros((0, 3)),
     np.zeros(0),
     np.zeros((0, 3)),
@@ -140,22 +145,49 @@ def find(
         before = None if start is None else start[bodies]
         part = find(x[bodies], obstacle, thickness[bodies], before)
         return dataclasses.replace(part, body=bodies[part.body])
-    way = np.zeros((len(x), 3))
     if obstacle.config.type == 'plane':
-        body, particle = _below(x, obstacle, thickness)
-    else:
-        if start is not None:
-            way = _way(x, start, obstacle)
-        body, particle = _within(x, obstacle, thickness[:, None] + way)
+        body, particle = _below(
+            np.matmul(obstacle.half_space[0].astype(x.dtype), x), obstacle, thickness
+        )
+        return _contacts(picked(x, body, particle), body, particle, obstacle, thickness)
+    way = np.zeros((len(x), 3)) if start is None else _way(x, start, obstacle)
+    body, particle = _within(x, obstacle, thickness[:, None] + way)
+    before = picked(start, body, particle) if start is not None and way.any() else None
+    return _contacts(picked(x, body, particle), body, particle, obstacle, thickness, before)
+
+
+def find_among(
+    particles: Particles, obstacle: Obstacle, thickness: np.ndarray, bodies: np.ndarray
+) -> Contacts:
+    """Return what `find` does; to see who is below a plane, particles need not be written."""
+    if obstacle.config.type != 'plane':
+        return find(particles.x, obstacle, thickness, particles.start, bodies)
+    if len(bodies) < len(thickness):
+        others = np.setdiff1d(np.arange(len(thickness)), bodies)
+        thickness = thickness.copy()
+        thickness[others] = -np.inf
+    body, particle = _below(particles.heights(obstacle.half_space[0]), obstacle, thickness)
+    return _contacts(particles.places(body, particle), body, particle, obstacle, thickness)
+
+
+def _contacts(
+    points: np.ndarray,
+    body: np.ndarray,
+    particle: np.ndarray,
+    obstacle: Obstacle,
+    thickness: np.ndarray,
+    before: np.ndarray | None = None,
+) -> Contacts:
+    """Return the contacts of those particles at points (k, 3), before at others, that touch."""
     if not len(body):
         return NO_CONTACTS
-    points, gap = _picked(x, body, particle), thickness.take(body)
+    gap = thickness.take(body)
     depth, normal = _closest(points, obstacle, gap)
     swept = np.zeros(len(body), dtype=bool)
-    if start is not None and way.any():
-        _sweep(points, _picked(start, body, particle), obstacle, gap, depth, normal, swept)
+    if before is not None:
+        _sweep(points, before, obstacle, gap, depth, normal, swept)
     velocity = obstacle.surface_velocity(points)
-    return Contacts(body, particle, normal, depth, velocity, swept).where(depth > 0.0)
+    return Contacts(body, particle, points, normal, depth, velocity, swept).where(depth > 0.0)
 
 
 def _closest(
@@ -200,20 +232,12 @@ def _sweep(
     depth[fast], normal[fast], swept[fast] = entered[wrong], way_out[wrong], True
 
 
-def _picked(field: np.ndarray, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
-    """Return what a (B, 3, n) field is at particles (k,) of bodies (k,): (k, 3)."""
-    if len(field) == 1:
-        # axis by axis: what is done with all contacts is several times faster then
-        return field[0].take(particle, axis=1).T
-    return field[body, :, particle]
-
-
-def _below(x: np.ndarray, plane: Obstacle, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return body and particle indices of those nearer to a plane than a thickness (B,), m."""
-    normal, offset = plane.half_space
-    height = np.matmul(normal.astype(x.dtype, copy=False), x)
-    limit = (offset + thickness).astype(x.dtype, copy=False)
-    return _indices(height < limit[:, None])
+def _below(
+    heights: np.ndarray, plane: Obstacle, thickness: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return body and particle indices of heights (B, n) below a plane's, with thickness (B,)."""
+    limit = (plane.half_space[1] + thickness).astype(heights.dtype, copy=False)
+    return _indices(heights < limit[:, None])
 
 
 def _within(x: np.ndarray, obstacle: Obstacle, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -304,23 +328,25 @@ def meet(
     """
     if tick.gains.rigid.all():
         return
-    x, v, thickness = particles.x, particles.v, tick.gains.thickness
+    thickness = tick.gains.thickness
     near, changed = None, False
     for index, obstacle in enumerate(obstacles):
         for wall in range(WALLS):
             if near is None:
                 near = _deformable(nearby(particles, obstacles, thickness), tick)
-            contacts = find(x, obstacle, thickness, particles.start, near[index])
+            contacts = find_among(particles, obstacle, thickness, near[index])
             if wall > 0:
                 # the particles that have just been put onto the surface are no contacts
                 contacts = contacts.where(contacts.depth > ROUNDING * tick.rest.scale)
             if not len(contacts):
                 break
             if changed:
-                motion = rigid_motion.rigid_motion(x, v, motion.centre, tick.rest)
-            patch = make_patch(x, contacts, motion, tick.rest)
+                motion = rigid_motion.rigid_motion(
+                    particles.x, particles.v, motion.centre, tick.rest
+                )
+            patch = make_patch(contacts, motion, tick.rest)
             goals = match.goals_of(contacts.body, contacts.particle)
-            sunk = depth_of_goals(x, contacts, obstacle, goals, tick)
+            sunk = depth_of_goals(contacts, obstacle, goals, tick)
             _respond(particles, patch, sunk, tick)
             near, changed = None, True
             if not contacts.swept.any():
@@ -338,31 +364,15 @@ def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -
     contacts = patch.contacts
     carried = carried_weight(patch, sunk, tick.gravity + particles.pressed, tick)
     if carried.any():
-        before = contacts.of(particles.x)
-        _move(particles, patch, carried, 0.5 * tick.h)
-        contacts.shift(contacts.of(particles.x) - before)
+        lift = patch.motion_by(carried)
+        particles.move(patch.bodies, patch.motion.centre, *lift, 0.5 * tick.h)
+        contacts.shift(0.5 * tick.h * patch.at_contacts(*lift))
     push, change = collide(particles, contacts, carried / patch.weight, tick)
     absorbed = absorbed_rebound(patch, push, tick)
     if absorbed.any():
-        _move(particles, patch, absorbed, 0.0)
+        particles.move(patch.bodies, patch.motion.centre, *patch.motion_by(absorbed), 0.0)
     as_whole = (carried + absorbed)[:, None] * contacts.normal
     particles.received[:] += patch.momentum_of(as_whole + patch.weight[:, None] * change)
-
-
-def _move(particles: Particles, patch: Patch, impulse: np.ndarray, time: float) -> None:
-    """Let impulses (k,) along the normals move bodies as wholes, in place, for some time, s."""
-    velocity, angular_velocity = patch.motion_by(impulse)
-    bodies, centre = patch.bodies, patch.motion.centre
-    # copies of many bodies would cost more than bodies that stay
-    rows = bodies if 2 * len(bodies) < len(centre) else slice(None)
-    motion = centre[rows], velocity[rows], angular_velocity[rows]
-    for part in blocks(particles.x.shape[2]):
-        x, v = particles.x[..., part], particles.v[..., part]
-        moving = rigid_motion.field(x[rows], *motion)
-        v[rows] += moving
-        if time:
-            moving *= time
-            x[rows] += moving
 
 
 @dataclass(frozen=True)
@@ -446,13 +456,18 @@ class Patch:
         wrench = self.wrench(impulse)
         return wrench[:, :3], rigid_motion.applied(self.motion.inverse_inertia, wrench[:, 3:])
 
+    def at_contacts(self, velocity: np.ndarray, angular_velocity: np.ndarray) -> np.ndarray:
+        """Return the velocities (k, 3) at the contacts of rigid motions (B, 3), m/s, rad/s."""
+        body = self.contacts.body
+        return _at(velocity, body) + rigid_motion.cross(_at(angular_velocity, body), self.arms)
 
-def make_patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patch:
-    """Return where bodies at x (B, 3, n), m, touch an obstacle."""
+
+def make_patch(contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patch:
+    """Return where bodies touch an obstacle."""
     body = contacts.body
     # a particle without area has no weight: it must not divide by zero
     weight = np.maximum(rest.weights.take(contacts.particle).astype(np.float64, copy=False), TINY)
-    arms = contacts.of(x) - _at(motion.centre, body)
+    arms = contacts.point - _at(motion.centre, body)
     bodies = np.flatnonzero(np.bincount(body))
     first = np.searchsorted(body, bodies)
     return Patch(
@@ -461,7 +476,7 @@ def make_patch(x: np.ndarray, contacts: Contacts, motion: RigidMotion, rest: Res
 
 
 def depth_of_goals(
-    x: np.ndarray, contacts: Contacts, obstacle: Obstacle, goals: np.ndarray, tick: Tick
+    contacts: Contacts, obstacle: Obstacle, goals: np.ndarray, tick: Tick
 ) -> np.ndarray:
     """Return (k,): how deep goals (k, 3) of touching particles lie in the obstacle, m, or 0."""
     distance, normal = obstacle.closest(goals)
@@ -469,7 +484,7 @@ def depth_of_goals(
     if obstacle.config.type != 'plane':
         # behind a thin wall goals are as deep as if it were thick
         beyond = contacts.swept | (_dot(normal, contacts.normal) < -SQUARE)
-        below = contacts.depth - _dot(goals - contacts.of(x), contacts.normal)
+        below = contacts.depth - _dot(goals - contacts.point, contacts.normal)
         depth = np.where(beyond, below, depth)
     return np.maximum(depth, 0.0)
 

@@ -27,12 +27,13 @@ from softbody_ros.core.basis import (
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.particles import Particles
 from softbody_ros.core.pins import Pins
 from softbody_ros.core.regions import Regions
 from softbody_ros.core.rest_shape import LINEAR, RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.sums import blocks
-from softbody_ros.core.tick import Particles, Tick
+from softbody_ros.core.tick import Tick
 
 LANDMARKS = 1000
 """Particles, about, of which the mean is taken to know where a body is."""
@@ -176,12 +177,12 @@ def fly(
     tick = Tick(batch.rest, batch.regions, gains, gravity, h)
     basis = predict(batch, tick)
     match = goals.find(basis, batch.plastic, pinned, tick)
-    particles = damp(basis, basis.particles, tick)
-    momentum = rigid_motion.momentum(basis, particles)
-    particles = pull(particles, match, tick)
-    particles, motion = restore_momentum(basis, particles, momentum, pinned, tick)
-    basis.evaluate(particles, batch.next_particles)
-    return Flight(batch, moved(batch), match, motion, pinned, tick)
+    coefficients = damp(basis, basis.particles, tick)
+    momentum = rigid_motion.momentum(basis, coefficients)
+    coefficients = pull(coefficients, match, tick)
+    coefficients, motion = restore_momentum(basis, coefficients, momentum, pinned, tick)
+    particles = Particles(batch.next_particles, batch.x, basis, coefficients)
+    return Flight(batch, particles, match, motion, pinned, tick)
 
 
 def land(flight: Flight, obstacles: Sequence[Obstacle]) -> None:
@@ -190,6 +191,7 @@ def land(flight: Flight, obstacles: Sequence[Obstacle]) -> None:
     contact.meet(particles, flight.match, flight.motion, obstacles, tick)
     rigid_contact.meet(particles, obstacles, tick)
     pins.hold(particles, flight.pinned, tick)
+    particles.write()
     flight.batch.next_plastic = flight.match.plastic
     flight.batch.next_reaction = particles.received / tick.h
 
@@ -222,12 +224,6 @@ def middle(x: np.ndarray) -> np.ndarray:
     """Return about where bodies at x (B, 3, n) are: means (B, 3) of some of their particles."""
     some = x[..., :: x.shape[-1] // LANDMARKS + 1]
     return np.add.reduce(some, axis=-1, dtype=np.float64) / some.shape[-1]
-
-
-def moved(batch: Batch) -> Particles:
-    """Return the particles where they have moved to."""
-    following = batch.next_particles
-    return Particles(following[:, POSITION], following[:, VELOCITY], start=batch.x)
 
 
 def pushed(batch: Batch, push: np.ndarray, tick: Tick) -> np.ndarray:

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from softbody_ros.core import matching, plasticity, regions, rigid_motion
+from softbody_ros.core import matching, plasticity, regions
 from softbody_ros.core.basis import POSITION, REGIONS, Basis
 from softbody_ros.core.gains import Gains
 from softbody_ros.core.pins import Pins
@@ -56,22 +56,14 @@ class Match:
 
     def goals_of(self, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
         """Return the goals for velocities of particles (k,) of bodies (k,): (k, 3), m."""
-        coefficients, functions = self._world_coefficients, self.basis.functions
-        if len(functions) == 1:
-            return (coefficients[0] @ functions[0].take(particle, axis=1)).T
-        return rigid_motion.applied(coefficients[body], functions[body, :, particle])
+        return self.basis.at(self.coefficients[:, 1], body, particle)
 
     @cached_property
     def goals(self) -> np.ndarray:
         """(B, 3, n) float: the goals of all particles for velocities, m."""
         functions = self.basis.functions
-        return mapped(self._world_coefficients.astype(functions.dtype, copy=False), functions)
-
-    @cached_property
-    def _world_coefficients(self) -> np.ndarray:
-        result = self.coefficients[:, 1].copy()
-        result[..., self.basis.one] += self.basis.origin
-        return result
+        coefficients = self.basis.in_world(self.coefficients[:, 1])
+        return mapped(coefficients.astype(functions.dtype, copy=False), functions)
 
     @cached_property
     def place(self) -> np.ndarray:

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import rigid_motion
 from softbody_ros.core.config import BodyConfig, ConfigError, in_brackets
+from softbody_ros.core.particles import Particles
 from softbody_ros.core.regions import Regions, make_regions
 from softbody_ros.core.rest_shape import (
     RANK_CUT,
@@ -33,7 +34,7 @@ from softbody_ros.core.rest_shape import (
     pseudo_inverse,
 )
 from softbody_ros.core.sums import weighted
-from softbody_ros.core.tick import Particles, Tick
+from softbody_ros.core.tick import Tick
 
 COUPLING = 100.0
 """What the pins weigh in the match, in body masses."""

@@ -14,8 +14,9 @@ from softbody_ros.core import rigid_motion
 from softbody_ros.core.columns import joined
 from softbody_ros.core.contact import Contacts, find, nearby
 from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.particles import Particles
 from softbody_ros.core.sums import weighted
-from softbody_ros.core.tick import Particles, Tick
+from softbody_ros.core.tick import Tick
 
 PUSH_OUT_ROUNDS = 3
 """A body between several obstacles is moved out of each so many times."""

@@ -228,9 +228,9 @@ def _standing(
             contacts = contact.find(x, obstacle, tick.gains.thickness, bodies=within)
             if not len(contacts):
                 continue
-            patch = contact.make_patch(x, contacts, flight.motion, tick.rest)
+            patch = contact.make_patch(contacts, flight.motion, tick.rest)
             goals = flight.match.goals_of(contacts.body, contacts.particle)
-            sunk = contact.depth_of_goals(x, contacts, obstacle, goals, tick)
+            sunk = contact.depth_of_goals(contacts, obstacle, goals, tick)
             touching = np.unique(contacts.body)
             row = patch.share[:, None] * np.hstack([contacts.normal, patch.levers])
             body.append(source.first + np.searchsorted(source.rows, touching))
