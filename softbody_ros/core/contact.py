@@ -25,7 +25,7 @@ import numpy as np
 from softbody_ros.core import boxes, rigid_motion
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
-from softbody_ros.core.particles import Particles, picked
+from softbody_ros.core.particles import AXES, Particles, picked
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.sums import mapped
@@ -93,7 +93,7 @@ class Contacts:
         if len(field) == 1:
             field[0][:, self.particle] = values.T
         else:
-            field[self.body, :, self.particle] = values
+            field[self.body, AXES, self.particle] = values.T
 
     def shift(self, way: np.ndarray) -> None:
         """Let the particles be less deep, in place: they have gone a way (k, 3), m."""

@@ -35,7 +35,7 @@ from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.sums import blocks
 from softbody_ros.core.tick import Tick
 
-LANDMARKS = 1000
+LANDMARKS = 100
 """Particles, about, of which the mean is taken to know where a body is."""
 
 

@@ -12,6 +12,8 @@ from softbody_ros.core import rigid_motion
 from softbody_ros.core.basis import POSITION, VELOCITY, Basis
 from softbody_ros.core.sums import blocks, mapped
 
+AXES = np.arange(3)[:, None]
+
 
 @dataclass
 class Particles:
@@ -129,7 +131,7 @@ class Particles:
 
 def picked(field: np.ndarray, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
     """Return what a (B, 3, n) field is at particles (k,) of bodies (k,): (k, 3)."""
+    # axis by axis: what is done with all of them is several times faster then
     if len(field) == 1:
-        # axis by axis: what is done with all of them is several times faster then
         return field[0].take(particle, axis=1).T
-    return field[body, :, particle]
+    return field[body, AXES, particle].T
