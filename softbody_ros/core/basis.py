@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.core.rest_shape import RestShape
-from softbody_ros.core.sums import mapped, sums
+from softbody_ros.core.sums import blocks, mapped, sums
 
 POSITION, VELOCITY, REGIONS = slice(0, 3), slice(3, 6), slice(6, 9)
 """Rows of a basis; those of the regions only if there are some, then the one, the features."""
@@ -30,9 +30,9 @@ def row_of_one(with_regions: bool) -> int:
     return REGIONS.stop if with_regions else PARTICLE.stop
 
 
-def functions(bodies: int, rest: RestShape, features: int, one: int) -> np.ndarray:
+def room(bodies: int, rest: RestShape, features: int, one: int) -> np.ndarray:
     """
-    Return room (B, C, n) for the functions of a basis, the one and 3 or 9 features filled in.
+    Return room for the functions (B, C, n) of a basis, the one and 3 or 9 features filled in.
 
     Parameters
     ----------
@@ -165,8 +165,15 @@ class Basis:
     def evaluate(self, coefficients: np.ndarray, out: np.ndarray) -> None:
         """Write particles (B, 6, n), m and m/s, that have coefficients (B, 6, C)."""
         coefficients = coefficients.copy()
-        coefficients[:, POSITION, self.one] += self.origin
-        mapped(coefficients.astype(out.dtype, copy=False), self.functions, out)
+        is_single = out.dtype != np.float64
+        if not is_single:
+            coefficients[:, POSITION, self.one] += self.origin
+        coefficients = coefficients.astype(out.dtype, copy=False)
+        for part in blocks(out.shape[-1]):
+            mapped(coefficients, self.functions[..., part], out[..., part])
+            if is_single:
+                # each particle is rounded by itself then: what all share would make bodies drift
+                out[:, POSITION, part] += self.origin.astype(out.dtype)[..., None]
 
     def at(self, coefficients: np.ndarray, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
         """Return positions (k, 3), m, with coefficients (B, 3, C), of particles of bodies (k,)."""

@@ -16,12 +16,13 @@ import numpy as np
 
 from softbody_ros.core import contact, goals, matching, pins, rigid_contact, rigid_motion
 from softbody_ros.core.basis import (
+    PARTICLE,
     POSITION,
     VELOCITY,
     Basis,
-    functions,
     gram_matrix,
     products,
+    room,
     row_of_one,
 )
 from softbody_ros.core.gains import Gains
@@ -159,7 +160,7 @@ def fly(
     Parameters
     ----------
     batch : Batch
-        its `next_x` and `next_v` are changed
+        its `functions` are changed, and `next_particles` when the particles are written
     gains : Gains
     pinned : mapping of int to Pins
         by row of the batch
@@ -201,14 +202,14 @@ def predict(batch: Batch, tick: Tick) -> Basis:
     rest, h, features = tick.rest, tick.h, tick.gains.features
     one = row_of_one(tick.regions is not None)
     if batch.functions.shape[:2] != (len(batch), one + 1 + features):
-        batch.functions = functions(len(batch), rest, features, one)
-    everything, origin = batch.functions, middle(batch.x)
-    total = np.zeros((len(batch), 6, everything.shape[1]))
-    shift = (0.5 * h**2 * tick.gravity - origin)[..., None].astype(everything.dtype)
-    kick = (h * tick.gravity)[:, None].astype(everything.dtype)
+        batch.functions = room(len(batch), rest, features, one)
+    functions, origin = batch.functions, middle(batch.x)
+    shift = (0.5 * h**2 * tick.gravity - origin)[..., None].astype(functions.dtype)
+    kick = (h * tick.gravity)[:, None].astype(functions.dtype)
     push = None if batch.push is None else pushed(batch, batch.push, tick)
+    total = np.zeros((len(batch), PARTICLE.stop, functions.shape[1]))
     for part in blocks(rest.particle_count):
-        x, v = everything[:, POSITION, part], everything[:, VELOCITY, part]
+        x, v = functions[:, POSITION, part], functions[:, VELOCITY, part]
         np.multiply(batch.v[..., part], h, out=x)
         x += batch.x[..., part]
         x += shift
@@ -216,14 +217,16 @@ def predict(batch: Batch, tick: Tick) -> Basis:
         if push is not None:
             x += 0.5 * h**2 * push[..., part]
             v += h * push[..., part]
-        total += products(everything, rest, one, part)
-    return Basis(rest, origin, everything, one, gram_matrix(total, rest, one))
+        total += products(functions, rest, one, part)
+    return Basis(rest, origin, functions, one, gram_matrix(total, rest, one))
 
 
 def middle(x: np.ndarray) -> np.ndarray:
     """Return about where bodies at x (B, 3, n) are: means (B, 3) of some of their particles."""
     some = x[..., :: x.shape[-1] // LANDMARKS + 1]
-    return np.add.reduce(some, axis=-1, dtype=np.float64) / some.shape[-1]
+    mean = np.add.reduce(some, axis=-1, dtype=np.float64) / some.shape[-1]
+    # a number that positions can have: what is taken away from them is what is added again
+    return mean.astype(x.dtype).astype(np.float64, copy=False)
 
 
 def pushed(batch: Batch, push: np.ndarray, tick: Tick) -> np.ndarray:
