@@ -13,6 +13,7 @@ import numpy as np
 
 from softbody_ros.core import BodyConfig, SimulationError, WorldConfig, matching
 from softbody_ros.core.gains import damping_ratio, natural_frequency
+from softbody_ros.core.rotations import rotation
 
 GRAVITY = 9.81
 RADIUS = 0.5
@@ -104,7 +105,7 @@ def observe(world):
     rest = world.rest_shape(world.names[0])
     (x,), (v,) = state.x, state.v
     centre, moment = matching.moments(x, rest, 3)
-    goal = matching.goals(centre, matching.rotation(moment), rest)
+    goal = matching.goals(centre, rotation(moment), rest)
     drift = v @ rest.weights
     return Observation(
         height=centre[:, 2],

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import MeshError, Surface, make_surface, matching
 from softbody_ros.core.rest_shape import make_rest_shape
+from softbody_ros.core.rotations import rotation
 
 SHAPES = {
     'icosphere': make_surface('icosphere', 0.5, 2),
@@ -128,7 +129,7 @@ def special_moments():
 
 @pytest.mark.parametrize('moment', special_moments().values(), ids=special_moments().keys())
 def test_the_rotation_is_the_best_of_all(moment):
-    R = matching.rotation(moment[None])[0]
+    R = rotation(moment[None])[0]
     assert np.linalg.det(R) == pytest.approx(1.0, abs=1e-13)
     assert np.abs(R @ R.T - np.eye(3)).max() < 1e-13
     size = np.abs(moment).max() or 1.0
@@ -148,7 +149,7 @@ def test_the_rotation_is_the_best_of_all(moment):
 def test_the_rotation_is_that_of_the_kabsch_algorithm():
     for moment in np.random.default_rng(2).normal(size=(20, 3, 3)):
         expected = Rotation.align_vectors(moment.T, np.eye(3))[0].as_matrix()
-        assert matching.rotation(moment[None])[0] == pytest.approx(expected, abs=1e-9)
+        assert rotation(moment[None])[0] == pytest.approx(expected, abs=1e-9)
 
 
 @by_name(SHAPES)
@@ -156,7 +157,7 @@ def test_the_rotation_of_a_turned_body_is_its_turn(surface):
     rest, turn = make_rest_shape(surface), random_rotation(7)
     x = (turn @ surface.vertices.T)[None] + 3.0
     centre, moment = matching.moments(x, rest, 3)
-    assert matching.rotation(moment)[0] == pytest.approx(turn, abs=1e-12)
+    assert rotation(moment)[0] == pytest.approx(turn, abs=1e-12)
     assert centre[0] == pytest.approx(turn @ rest.centre + 3.0)
 
 
@@ -169,7 +170,7 @@ def test_the_fit_reproduces_every_deformation_that_the_mode_knows(surface, featu
     transform = random_transform(seed, features)
     x = goals_of(transform, rest, (1.0, 2.0, 3.0))
     centre, moment = matching.moments(x, rest, features)
-    fits = matching.fit(moment, matching.rotation(moment), rest)
+    fits = matching.fit(moment, rotation(moment), rest)
     assert matching.goals(centre, fits, rest) == pytest.approx(x, abs=1e-9)
 
 
@@ -181,7 +182,7 @@ def test_the_fit_is_the_least_squares_fit(surface, features):
     x = goals_of(random_transform(1, 3, 0.05), rest)
     x = x + 0.05 * rest.scale * random.normal(size=x.shape)
     centre, moment = matching.moments(x, rest, features)
-    fits = matching.fit(moment, matching.rotation(moment), rest)
+    fits = matching.fit(moment, rotation(moment), rest)
     found = matching.goals(centre, fits, rest)[0]
 
     root = np.sqrt(rest.weights)
@@ -198,7 +199,7 @@ def test_a_body_in_its_rest_shape_is_at_its_goal(surface, features):
     rest = make_rest_shape(surface)
     x = (random_rotation(5) @ surface.vertices.T)[None]
     centre, moment = matching.moments(x, rest, features)
-    rotations = matching.rotation(moment)
+    rotations = rotation(moment)
     for beta in (0.0, 0.5, 1.0):
         fits = matching.fit(moment, rotations, rest)
         fits, _ = matching.of_rest_volume(fits, rest)

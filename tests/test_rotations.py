@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core.rotations import LEAST_STACK, by_formula, by_singular_values, rotation
-from softbody_ros.core.small_matrices import adjugate, determinant, symmetric_inverse
+from softbody_ros.core.small_matrices import symmetric_inverse
 
 # as those of a compact body, of a part of a shell, of a sheet, and of something hardly inverted
 WELL_CONDITIONED = [
@@ -152,20 +152,6 @@ def test_what_is_not_finite_is_refused_with_any_number_of_others():
 
 
 # -------------------------------------------------------------------------------- small matrices
-def test_determinants_and_adjugates_are_those_of_lapack():
-    matrices = np.random.default_rng(9).normal(size=(5, 20, 3, 3))
-    assert determinant(matrices) == pytest.approx(np.linalg.det(matrices), abs=1e-14)
-    expected = np.linalg.det(matrices)[..., None, None] * np.linalg.inv(matrices)
-    assert adjugate(matrices) == pytest.approx(expected, abs=1e-12)
-
-
-def test_an_adjugate_needs_no_inverse():
-    matrices = turned(repeated([(1.0, 0.5, 0.0), (1.0, 0.0, 0.0)]), seed=10)[0]
-    assert np.abs(adjugate(matrices) @ matrices).max() < 1e-15
-    assert np.abs(adjugate(matrices[40:])).max() < 1e-15
-    assert np.linalg.matrix_rank(adjugate(matrices[:40]), tol=1e-12).tolist() == [1] * 40
-
-
 def symmetric(values, seed):
     axes = Rotation.random(len(values), random_state=seed).as_matrix()
     result = (axes * np.asarray(values)[:, None, :]) @ axes.swapaxes(1, 2)

@@ -14,7 +14,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softbody_ros.core import contact, goals, matching, pins, rigid_contact, rigid_motion
+from softbody_ros.core import (
+    contact,
+    goals,
+    matching,
+    pins,
+    rigid_contact,
+    rigid_motion,
+    rotations,
+)
 from softbody_ros.core.basis import (
     PARTICLE,
     POSITION,
@@ -238,7 +246,7 @@ def pushed(batch: Batch, push: np.ndarray, tick: Tick) -> np.ndarray:
     """
     halfway = batch.x + 0.5 * tick.h * batch.v
     centre, moment = matching.moments(halfway, batch.rest, LINEAR)
-    rotation = matching.rotation(moment)
+    rotation = rotations.rotation(moment)
     in_world, in_body = push[:, 0], push[:, 1]
     both = in_world + np.matmul(in_body, rotation.swapaxes(-1, -2))
     motion = rigid_motion.rigid_motion(halfway, batch.v, centre, batch.rest)

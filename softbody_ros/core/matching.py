@@ -13,7 +13,6 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
-from softbody_ros.core.rotations import rotation as rotation
 from softbody_ros.core.sums import mapped, sums
 
 LEAST_ROUNDNESS = 0.3, 0.15

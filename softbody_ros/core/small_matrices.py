@@ -50,17 +50,6 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a[:, :, None] * b).sum(axis=1)
 
 
-def determinant(matrices: np.ndarray) -> np.ndarray:
-    """Return the determinants (…) of matrices (…, 3, 3): for few, `numpy.linalg.det` is faster."""
-    rows = entries(matrices)
-    return expanded(rows, cofactors(rows)).reshape(matrices.shape[:-2])
-
-
-def adjugate(matrices: np.ndarray) -> np.ndarray:
-    """Return the adjugates (…, 3, 3) of matrices (…, 3, 3): det(M) M⁻¹, also where det M = 0."""
-    return stacked(cofactors(entries(matrices)).swapaxes(0, 1), matrices.shape)
-
-
 def symmetric_inverse(matrices: np.ndarray, cut: float, least: float) -> np.ndarray:
     """
     Return the pseudo-inverses of positive semidefinite matrices.
