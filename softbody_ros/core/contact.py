@@ -366,7 +366,7 @@ def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -
     if carried.any():
         lift = patch.motion_by(carried)
         particles.move(patch.bodies, patch.motion.centre, *lift, 0.5 * tick.h)
-        contacts.shift(0.5 * tick.h * patch.at_contacts(*lift))
+    contacts.shift(contacts.of(particles.x) - contacts.point)
     push, change = collide(particles, contacts, carried / patch.weight, tick)
     absorbed = absorbed_rebound(patch, push, tick)
     if absorbed.any():
@@ -455,11 +455,6 @@ class Patch:
         """Return the velocities, m/s, rad/s, (B, 3), by impulses (k,) along the normals."""
         wrench = self.wrench(impulse)
         return wrench[:, :3], rigid_motion.applied(self.motion.inverse_inertia, wrench[:, 3:])
-
-    def at_contacts(self, velocity: np.ndarray, angular_velocity: np.ndarray) -> np.ndarray:
-        """Return the velocities (k, 3) at the contacts of rigid motions (B, 3), m/s, rad/s."""
-        body = self.contacts.body
-        return _at(velocity, body) + rigid_motion.cross(_at(angular_velocity, body), self.arms)
 
 
 def make_patch(contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patch:
