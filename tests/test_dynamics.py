@@ -25,7 +25,7 @@ from core_helpers import (
 import numpy as np
 import pytest
 
-from softbody_ros.core import BodyConfig, World, WorldConfig, make_surface
+from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig, make_surface
 from softbody_ros.core.gains import damping_ratio, make_gains, natural_frequency, oscillator_gains
 
 MODES = ('rigid', 'linear', 'quadratic')
@@ -660,6 +660,37 @@ def test_bodies_that_share_a_shape_move_as_if_alone():
         alone.step(200)
         assert together.positions(config.name) == pytest.approx(
             alone.positions(config.name), abs=1e-11
+        )
+
+
+@pytest.mark.parametrize('mesh', ['icosphere', 'box', 'cylinder'])
+def test_rigid_bodies_meet_obstacles_as_if_alone(mesh):
+    """They bounce, slide, roll and rest at different times, on one and on several supports."""
+    bodies = [
+        BodyConfig(
+            name=f'b{i}',
+            mesh=mesh,
+            mode='rigid',
+            subdivisions=2,
+            position=(3.0 * i, 0.0, 0.8 + 0.1 * i),
+            orientation=(0.1, 0.05 * i, 0.2, 0.9),
+            friction=0.2 * i,
+            friction_model=('viscous', 'coulomb')[i % 2],
+            elasticity=0.2 * i,
+            thickness=0.01 * i,
+            initial_velocity_linear=(1.0, 0.5, -1.0),
+        )
+        for i in range(5)
+    ]
+    wall = ObstacleConfig(name='wall', type='box', size=(20.0, 0.2, 1.0), position=(6.0, 1.5, 0.0))
+    obstacles = (ObstacleConfig(name='ground'), wall)
+    together = World(WorldConfig(bodies=tuple(bodies), obstacles=obstacles))
+    together.step(60)
+    for config in bodies:
+        alone = World(WorldConfig(bodies=(config,), obstacles=obstacles))
+        alone.step(60)
+        assert together.positions(config.name) == pytest.approx(
+            alone.positions(config.name), abs=1e-9
         )
 
 

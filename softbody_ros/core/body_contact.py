@@ -67,7 +67,7 @@ def meet(
     # a load acts all through the tick
     shift = crowd.field(0.5 * tick.h * lift + stops.retreat)
     crowd.x[:] += shift
-    pushes = collide(meeting, carried, shift, tick.slow(tick.gravity))
+    pushes = collide(meeting, carried, shift, float(tick.slow(tick.gravity)))
     absorbed = absorbed_rebound(meeting, pushes, crowd.twist + lift, tick.gravity)
 
     along = carried + stops.impulse + absorbed

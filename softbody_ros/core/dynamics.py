@@ -198,7 +198,7 @@ def land(flight: Flight, obstacles: Sequence[Obstacle]) -> None:
     """Let bodies meet the obstacles and their pins: that completes their tick."""
     particles, tick = flight.particles, flight.tick
     contact.meet(particles, flight.match, flight.motion, obstacles, tick)
-    rigid_contact.meet(particles, obstacles, tick)
+    rigid_contact.meet(particles, flight.motion, obstacles, tick)
     pins.hold(particles, flight.pinned, tick)
     particles.write()
     flight.batch.next_plastic = flight.match.plastic

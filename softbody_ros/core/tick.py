@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 
 import numpy as np
 
@@ -44,6 +43,6 @@ class Tick:
     gravity: np.ndarray
     h: float
 
-    def slow(self, acceleration: np.ndarray) -> float:
-        """Return the speed, m/s, up to which nothing bounces under an acceleration (3,), m/s²."""
-        return SLOW_TICKS * self.h * math.hypot(*acceleration)
+    def slow(self, acceleration: np.ndarray) -> np.ndarray:
+        """Return the speeds (…), m/s, up to which nothing bounces under accelerations (…, 3)."""
+        return SLOW_TICKS * self.h * np.linalg.norm(acceleration, axis=-1)
