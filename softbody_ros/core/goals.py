@@ -303,6 +303,10 @@ def fit_of_each_mode(
     gains: Gains,
 ) -> Fits:
     """Return the quadratic fits of quadratic bodies, the linear ones of the others."""
+    if gains.all_rigid:
+        # their goals follow no deformation, so it need not be known
+        followed = np.stack([undeformed, undeformed])
+        return Fits(undeformed, followed, np.zeros(len(undeformed)))
     conserved, quadratic = gains.volume_conservation, gains.quadratic
     fits = find_fits(moment, undeformed, stretch, rest, conserved)
     if moment.shape[-1] == LINEAR or gains.all_quadratic:
