@@ -256,7 +256,8 @@ def _support(touch: Touch, needed: np.ndarray, pending: np.ndarray, impulse: np.
     impulse[worst[pending]] = single[pending]
     for index in np.flatnonzero(pending & ~enough & (largest > 0.0)).tolist():
         own = touch.of(index)
-        scaled = np.hstack([touch.normals[own, :3], touch.normals[own, 3:] @ touch.root[index]])
+        normal, lever = touch.normals[own].T[:3], touch.normals[own].T[3:]
+        scaled = np.concatenate([normal, mapped(touch.root[index].T, lever)]).T
         impulse[own] = _least_impulses(scaled, needed[own] / largest[index]) * largest[index]
 
 
