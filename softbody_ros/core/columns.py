@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Lists that are kept as columns: joined, made of ranges, summed by group."""
+"""Lists that are kept as columns: joined, made of ranges, looked up and summed by group."""
 
 from __future__ import annotations
 
@@ -26,6 +26,11 @@ def ranges(start: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Return start[0], start[0] + 1, … (count[0] of them), start[1], …."""
     begin = np.cumsum(count) - count
     return np.arange(count.sum()) + np.repeat(start - begin, count)
+
+
+def at(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Return the values (b, …) of the group (k,) that each belongs to, (k, …), axis by axis."""
+    return values.T.take(group, axis=-1).T
 
 
 def summed(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:

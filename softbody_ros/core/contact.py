@@ -23,6 +23,7 @@ import math
 import numpy as np
 
 from softbody_ros.core import boxes, rigid_motion
+from softbody_ros.core.columns import at
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.particles import AXES, Particles, picked
@@ -97,7 +98,7 @@ class Contacts:
 
     def shift(self, way: np.ndarray) -> None:
         """Let the particles be less deep, in place: they have gone a way (k, 3), m."""
-        outwards = _dot(way, self.normal)
+        outwards = rigid_motion.dot(way, self.normal)
         np.maximum(self.depth - outwards, 0.0, out=self.depth)
 
 
@@ -438,9 +439,9 @@ class Patch:
         """(B,) float: of the patch, along the normal away from the obstacle, m/s."""
         contacts, motion = self.contacts, self.motion
         twist = np.concatenate([motion.velocity, motion.angular_velocity], axis=1)
-        speed = _dot(self.wrench(self.weight), twist) / self.mass
+        speed = rigid_motion.dot(self.wrench(self.weight), twist) / self.mass
         if contacts.surface_velocity.any():
-            speed -= self.mean(_dot(contacts.surface_velocity, contacts.normal))
+            speed -= self.mean(rigid_motion.dot(contacts.surface_velocity, contacts.normal))
         return speed
 
     def wrench(self, impulse: np.ndarray) -> np.ndarray:
@@ -449,7 +450,7 @@ class Patch:
 
     def momentum_of(self, impulse: np.ndarray) -> np.ndarray:
         """Return (B, 2, 3): the sums of impulses (k, 3), and of what they turn."""
-        return self.sum(_with_moment(impulse, self.arms)).reshape(-1, 2, 3)
+        return self.sum(rigid_motion.with_moment(impulse, self.arms)).reshape(-1, 2, 3)
 
     def motion_by(self, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the velocities, m/s, rad/s, (B, 3), by impulses (k,) along the normals."""
@@ -462,11 +463,17 @@ def make_patch(contacts: Contacts, motion: RigidMotion, rest: RestShape) -> Patc
     body = contacts.body
     # a particle without area has no weight: it must not divide by zero
     weight = np.maximum(rest.weights.take(contacts.particle).astype(np.float64, copy=False), TINY)
-    arms = contacts.point - _at(motion.centre, body)
+    arms = contacts.point - at(motion.centre, body)
     bodies = np.flatnonzero(np.bincount(body))
     first = np.searchsorted(body, bodies)
     return Patch(
-        contacts, motion, weight, arms, _with_moment(contacts.normal, arms), first, bodies
+        contacts,
+        motion,
+        weight,
+        arms,
+        rigid_motion.with_moment(contacts.normal, arms),
+        first,
+        bodies,
     )
 
 
@@ -478,8 +485,8 @@ def depth_of_goals(
     depth = tick.gains.thickness.take(contacts.body) - distance
     if obstacle.config.type != 'plane':
         # behind a thin wall goals are as deep as if it were thick
-        beyond = contacts.swept | (_dot(normal, contacts.normal) < -SQUARE)
-        below = contacts.depth - _dot(goals - contacts.point, contacts.normal)
+        beyond = contacts.swept | (rigid_motion.dot(normal, contacts.normal) < -SQUARE)
+        below = contacts.depth - rigid_motion.dot(goals - contacts.point, contacts.normal)
         depth = np.where(beyond, below, depth)
     return np.maximum(depth, 0.0)
 
@@ -510,7 +517,7 @@ def carried_weight(patch: Patch, sunk: np.ndarray, weight: np.ndarray, tick: Tic
     body, h = patch.contacts.body, tick.h
     pressure = patch.weight * sunk
     pressed = patch.sum(pressure)
-    heaviness = -_dot(patch.contacts.normal, _at(weight, body))
+    heaviness = -rigid_motion.dot(patch.contacts.normal, at(weight, body))
     load, depth = patch.mean(np.maximum(heaviness, 0.0)), pressed / patch.mass
     spring, damping = support(load, depth, tick.rest.scale, h)
     # implicit: the damper sees the speed after the push, which at rest is zero
@@ -599,11 +606,11 @@ def collide(
     normal = contacts.normal
     points, velocity = contacts.of(particles.x), contacts.of(particles.v)
     relative = velocity - contacts.surface_velocity
-    normal_speed = _dot(relative, normal)
+    normal_speed = rigid_motion.dot(relative, normal)
     push = np.maximum(-normal_speed, 0.0)
     tangential = relative - normal_speed[:, None] * normal
     slid = points - contacts.of(particles.start) - tick.h * contacts.surface_velocity
-    slid -= _dot(slid, normal)[:, None] * normal
+    slid -= rigid_motion.dot(slid, normal)[:, None] * normal
     rubbed = _rubbed(contacts.body, tangential, push + carried, tick)[:, None]
 
     change = push[:, None] * normal - rubbed * tangential
@@ -622,18 +629,3 @@ def _rubbed(body: np.ndarray, sliding: np.ndarray, pressed: np.ndarray, tick: Ti
     speed = np.linalg.norm(sliding, axis=1)
     bound = np.minimum(friction * pressed / np.where(speed > 0.0, speed, 1.0), 1.0)
     return np.where(gains.coulomb.take(body), bound, friction)
-
-
-def _at(values: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Return (k, 3): the values (B, 3) of the bodies that touch."""
-    return values.T.take(body, axis=1).T
-
-
-def _with_moment(vectors: np.ndarray, arms: np.ndarray) -> np.ndarray:
-    """Return (k, 6): vectors (k, 3), and arms (k, 3) × vectors."""
-    return np.concatenate([vectors.T, rigid_motion.cross(arms, vectors).T]).T
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the scalar products (k,) of vectors (k, 3)."""
-    return np.add.reduce(a * b, axis=1)

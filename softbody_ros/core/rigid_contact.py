@@ -22,7 +22,7 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import rigid_motion
-from softbody_ros.core.columns import joined
+from softbody_ros.core.columns import at, joined
 from softbody_ros.core.contact import Contacts, find, nearby
 from softbody_ros.core.obstacles import Obstacle
 from softbody_ros.core.particles import Particles
@@ -116,7 +116,7 @@ class Touch:
 
     def speed(self, twist: np.ndarray) -> np.ndarray:
         """Return the speeds (k,) along the normals of bodies with twists (b, 6), m/s."""
-        return _dot(self.normals, _at(twist, self.row))
+        return rigid_motion.dot(self.normals, at(twist, self.row))
 
 
 def meet(
@@ -156,14 +156,14 @@ def make_touch(x: np.ndarray, contacts: Contacts, motion: RigidMotion) -> Touch:
         contacts = contacts.where(np.argsort(contacts.body, kind='stable'))
     body = contacts.body
     bodies = np.flatnonzero(np.bincount(body))
-    arms = (x[body, :, contacts.particle].T - _at(motion.centre, body).T).T
+    arms = (x[body, :, contacts.particle].T - at(motion.centre, body).T).T
     return Touch(
         contacts,
         bodies,
         row=np.searchsorted(bodies, body),
         first=np.searchsorted(body, bodies),
         arms=arms,
-        normals=_with_moment(contacts.normal, arms),
+        normals=rigid_motion.with_moment(contacts.normal, arms),
         inverse_inertia=motion.inverse_inertia[bodies],
     )
 
@@ -228,12 +228,14 @@ def _rebound(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the speeds out of the obstacle that contacts are to have, and have: (k,), m/s."""
     contacts, row = touch.contacts, touch.row
-    speed = touch.speed(before) - _dot(contacts.normal, contacts.surface_velocity)
+    speed = touch.speed(before) - rigid_motion.dot(contacts.normal, contacts.surface_velocity)
     bounces = speed < -tick.slow(weight)[row]
     if not bounces.any():
         return np.zeros(len(speed)), speed
     # what gravity has added since the deepest particle touched must not bounce
-    fallen = touch.largest(-2.0 * _dot(contacts.normal, _at(weight, row)) * contacts.depth)
+    fallen = touch.largest(
+        -2.0 * rigid_motion.dot(contacts.normal, at(weight, row)) * contacts.depth
+    )
     impact = np.sqrt(np.maximum(speed**2 - fallen[row], 0.0))
     return np.where(bounces, tick.gains.elasticity[contacts.body] * impact, 0.0), speed
 
@@ -249,7 +251,7 @@ def _support(touch: Touch, needed: np.ndarray, pending: np.ndarray, impulse: np.
     largest = np.maximum(needed[worst], 0.0)
     push = touch.normals[worst]
     change = touch.change(push)
-    single = largest / _dot(push, change)
+    single = largest / rigid_motion.dot(push, change)
     missing = needed - touch.speed(single[:, None] * change)
     enough = touch.largest(missing) <= MET * largest
     impulse[pending[touch.row]] = 0.0
@@ -277,11 +279,11 @@ def _least_impulses(scaled: np.ndarray, needed: np.ndarray) -> np.ndarray:
 
     """
     active = [int(needed.argmax())]
-    impulses = 1.0 / _dot(scaled[active], scaled[active])
+    impulses = 1.0 / rigid_motion.dot(scaled[active], scaled[active])
     system = np.vstack([scaled.T, needed])
     while len(active) < MOST_SUPPORTS:
         # no product of long arrays: BLAS might share it out among threads
-        missing = needed - _dot(scaled, impulses @ scaled[active])
+        missing = needed - rigid_motion.dot(scaled, impulses @ scaled[active])
         worst = int(missing.argmax())
         if missing[worst] < MET or worst in active:
             break
@@ -330,10 +332,10 @@ def _viscous(touch: Touch, twist: np.ndarray, impulse: np.ndarray, tick: Tick) -
     everything = np.concatenate([contacts.normal.T, touch.arms.T, contacts.surface_velocity.T]).T
     normal, arm, surface = touch.sum(share[:, None] * everything).reshape(-1, 3, 3).swapaxes(0, 1)
     velocity = twist[:, :3] + rigid_motion.cross(twist[:, 3:], arm) - surface
-    velocity -= _dot(velocity, normal)[:, None] * normal
-    speed = np.sqrt(_dot(velocity, velocity))
-    along = _with_moment(velocity / np.maximum(speed, TINY)[:, None], arm)
-    mobility = np.maximum(_dot(along, touch.change(along)), TINY)
+    velocity -= rigid_motion.dot(velocity, normal)[:, None] * normal
+    speed = np.sqrt(rigid_motion.dot(velocity, velocity))
+    along = rigid_motion.with_moment(velocity / np.maximum(speed, TINY)[:, None], arm)
+    mobility = np.maximum(rigid_motion.dot(along, touch.change(along)), TINY)
     taken = tick.gains.friction[touch.bodies] * speed / mobility
     # without pressure nothing rubs
     return np.where(touch.sum(impulse) > 0.0, -taken, 0.0)[:, None] * along
@@ -434,18 +436,3 @@ def _move_out(x: np.ndarray, contacts: Contacts) -> None:
 def _rows(bodies: np.ndarray, particles: Particles) -> np.ndarray | slice:
     """Return an index of bodies (b,) that makes no copy where they are all."""
     return bodies if len(bodies) < len(particles.x) else slice(None)
-
-
-def _with_moment(vectors: np.ndarray, arms: np.ndarray) -> np.ndarray:
-    """Return (k, 6): vectors (k, 3), and arms (k, 3) × vectors."""
-    return np.concatenate([vectors.T, rigid_motion.cross(arms, vectors).T]).T
-
-
-def _at(values: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Return (k, …): the values (b, …) of the bodies at each contact."""
-    return values.T.take(row, axis=-1).T
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the scalar products (k,) of vectors (k, …)."""
-    return np.add.reduce(a * b, axis=1)

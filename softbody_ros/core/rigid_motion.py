@@ -194,6 +194,16 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (forwards - a.take(LAST, axis=0) * b.take(NEXT, axis=0)).T
 
 
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the scalar products (k,) of vectors (k, …)."""
+    return np.add.reduce(a * b, axis=1)
+
+
+def with_moment(vectors: np.ndarray, arms: np.ndarray) -> np.ndarray:
+    """Return (k, 6): vectors (k, 3), and arms (k, 3) × vectors."""
+    return np.concatenate([vectors.T, cross(arms, vectors).T]).T
+
+
 def _inertia(gram: np.ndarray) -> np.ndarray:
     """Return tr(G) 1 − G of Gram matrices (B, 3, 3)."""
     return (gram.reshape(-1, 9) @ _INERTIA_OF_GRAM).reshape(-1, 3, 3)
