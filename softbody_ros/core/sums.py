@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-CACHED = 16384
+CACHED = 32768
 """Particles that are passed over several times while they are in the cache."""
 BLOCK = 8192
 """Numbers of a matrix that a vector is multiplied with: BLAS may split more among threads."""
