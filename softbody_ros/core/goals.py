@@ -303,7 +303,7 @@ def fit_of_each_mode(
     gains: Gains,
 ) -> Fits:
     """Return the quadratic fits of quadratic bodies, the linear ones of the others."""
-    if gains.all_rigid:
+    if gains.all_rigid and moment.shape[-1] == LINEAR:
         # their goals follow no deformation, so it need not be known
         followed = np.stack([undeformed, undeformed])
         return Fits(undeformed, followed, np.zeros(len(undeformed)))
