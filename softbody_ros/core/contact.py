@@ -26,7 +26,7 @@ from softbody_ros.core import boxes, rigid_motion
 from softbody_ros.core.columns import at
 from softbody_ros.core.goals import Match
 from softbody_ros.core.obstacles import Obstacle
-from softbody_ros.core.particles import AXES, Particles, picked
+from softbody_ros.core.particles import Particles, picked, put
 from softbody_ros.core.rest_shape import RestShape
 from softbody_ros.core.rigid_motion import RigidMotion
 from softbody_ros.core.sums import mapped
@@ -91,10 +91,7 @@ class Contacts:
 
     def put(self, field: np.ndarray, values: np.ndarray) -> None:
         """Write what `of` returns."""
-        if len(field) == 1:
-            field[0][:, self.particle] = values.T
-        else:
-            field[self.body, AXES, self.particle] = values.T
+        put(field, self.body, self.particle, values)
 
     def shift(self, way: np.ndarray) -> None:
         """Let the particles be less deep, in place: they have gone a way (k, 3), m."""
@@ -288,8 +285,8 @@ def nearby(
     """
     if all(obstacle.config.type == 'plane' for obstacle in obstacles):
         return [np.arange(len(thickness))] * len(obstacles)
-    low = np.minimum(particles.x.min(axis=2), particles.start.min(axis=2))
-    high = np.maximum(particles.x.max(axis=2), particles.start.max(axis=2))
+    (low, high), before = boxes.bounds(particles.x), boxes.bounds(particles.start)
+    low, high = np.minimum(low, before[0]), np.maximum(high, before[1])
     position = np.array([obstacle.position for obstacle in obstacles])
     reach = np.array([obstacle.radius for obstacle in obstacles])
     distance = boxes.distances(low, high, position[:, None])
@@ -327,7 +324,7 @@ def meet(
     tick : Tick
 
     """
-    if tick.gains.rigid.all():
+    if tick.gains.all_rigid:
         return
     thickness = tick.gains.thickness
     near, changed = None, False
@@ -357,7 +354,7 @@ def meet(
 def _deformable(near: list[np.ndarray], tick: Tick) -> list[np.ndarray]:
     """Return for each obstacle those of the bodies near it that are not rigid."""
     rigid = tick.gains.rigid
-    return [bodies[~rigid[bodies]] for bodies in near] if rigid.any() else near
+    return [bodies[~rigid[bodies]] for bodies in near] if tick.gains.any_rigid else near
 
 
 def _respond(particles: Particles, patch: Patch, sunk: np.ndarray, tick: Tick) -> None:
@@ -624,7 +621,7 @@ def _rubbed(body: np.ndarray, sliding: np.ndarray, pressed: np.ndarray, tick: Ti
     """Return the share (k,) of the sliding (k, 3), m/s, that friction takes under a load, m/s."""
     gains = tick.gains
     friction = gains.friction.take(body)
-    if not gains.coulomb.any():
+    if not gains.any_coulomb:
         return friction
     speed = np.linalg.norm(sliding, axis=1)
     bound = np.minimum(friction * pressed / np.where(speed > 0.0, speed, 1.0), 1.0)

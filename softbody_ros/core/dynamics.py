@@ -190,7 +190,7 @@ def fly(
     momentum = rigid_motion.momentum(basis, coefficients)
     coefficients = pull(coefficients, match, tick)
     coefficients, motion = restore_momentum(basis, coefficients, momentum, pinned, tick)
-    particles = Particles(batch.next_particles, batch.x, basis, coefficients)
+    particles = Particles(batch.next_particles, batch.x, (basis, coefficients))
     return Flight(batch, particles, match, motion, pinned, tick)
 
 

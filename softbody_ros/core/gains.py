@@ -113,6 +113,11 @@ class Gains:
         return bool(self.rigid.all())
 
     @cached_property
+    def any_coulomb(self) -> bool:
+        """Whether some bodies have Coulomb's friction."""
+        return bool(self.coulomb.any())
+
+    @cached_property
     def damps(self) -> bool:
         """Whether some velocity of a deformation is taken."""
         return bool((self.kept_velocity < 1.0).any())

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.rest_shape import LINEAR, QUADRATIC, RestShape
-from softbody_ros.core.sums import mapped, sums
+from softbody_ros.core.sums import blocks, mapped, sums
 
 LEAST_ROUNDNESS = 0.3, 0.15
 """2 det A / |A|² at which a body begins to be too flat for a goal to follow, and where it is."""
@@ -242,6 +242,20 @@ def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndar
     """Return the goal positions (…, B, 3, n), m, of a transform, see `affine`."""
     coefficients = affine(centre, transform, rest).astype(rest.features.dtype, copy=False)
     return mapped(coefficients, rest.features[: coefficients.shape[-1]])
+
+
+def distances(
+    x: np.ndarray, centre: np.ndarray, transform: np.ndarray, rest: RestShape
+) -> np.ndarray:
+    """Return how far particles at x (B, 3, n) are from `goals`, (B, n), m, block by block."""
+    coefficients = affine(centre, transform, rest).astype(x.dtype, copy=False)
+    result = np.empty((len(x), x.shape[2]), x.dtype)
+    for part in blocks(x.shape[2]):
+        apart = mapped(coefficients, rest.features[: coefficients.shape[-1], part])
+        apart -= x[..., part]
+        apart *= apart
+        np.sqrt(np.add.reduce(apart, axis=1), out=result[:, part])
+    return result
 
 
 def padded(transform: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from softbody_ros.core import rigid_motion
 from softbody_ros.core.basis import POSITION, VELOCITY, Basis
 from softbody_ros.core.sums import blocks, mapped
 
-AXES = np.arange(3)[:, None]
+_AXES = np.arange(3)[:, None]
 
 
 @dataclass
@@ -30,9 +30,8 @@ class Particles:
         where positions and velocities are written
     start : (B, 3, n) float
         positions at the tick before, m
-    basis : Basis or None
-    coefficients : (B, 6, C) float or None
-        in the basis, while nothing is written
+    unwritten : (Basis, (B, 6, C) float) or None
+        a basis and their coefficients in it, while nothing is written
     received : (B, 2, 3) float
         impulse, m/s, and turning impulse about the centre of mass, m²/s, that contacts have given
         in this tick, per mass: the stages change them in place
@@ -43,8 +42,7 @@ class Particles:
 
     room: np.ndarray
     start: np.ndarray
-    basis: Basis | None = None
-    coefficients: np.ndarray | None = None
+    unwritten: tuple[Basis, np.ndarray] | None = None
     received: np.ndarray = field(init=False)
     pressed: np.ndarray = field(init=False)
 
@@ -66,23 +64,25 @@ class Particles:
 
     def write(self) -> None:
         """Write positions and velocities, if that has not been done."""
-        if self.basis is not None and self.coefficients is not None:
-            self.basis.evaluate(self.coefficients, self.room)
-            self.coefficients = None
+        if self.unwritten is not None:
+            basis, coefficients = self.unwritten
+            basis.evaluate(coefficients, self.room)
+            self.unwritten = None
 
     def heights(self, normal: np.ndarray) -> np.ndarray:
         """Return how far particles are along a normal (3,), (B, n), m."""
-        if self.basis is None or self.coefficients is None:
+        if self.unwritten is None:
             return np.matmul(normal.astype(self.room.dtype, copy=False), self.x)
-        along = np.matmul(normal, self.basis.in_world(self.coefficients[:, POSITION]))
-        functions = self.basis.functions
-        return mapped(along[:, None].astype(functions.dtype, copy=False), functions)[:, 0]
+        basis, coefficients = self.unwritten
+        along = np.matmul(normal, basis.in_world(coefficients[:, POSITION]))[:, None]
+        return mapped(along.astype(self.room.dtype, copy=False), basis.functions)[:, 0]
 
     def places(self, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
         """Return the positions (k, 3) of particles (k,) of bodies (k,), m."""
-        if self.basis is None or self.coefficients is None:
+        if self.unwritten is None:
             return picked(self.x, body, particle)
-        return self.basis.at(self.coefficients[:, POSITION], body, particle)
+        basis, coefficients = self.unwritten
+        return basis.at(coefficients[:, POSITION], body, particle)
 
     def move(
         self,
@@ -105,16 +105,13 @@ class Particles:
             s
 
         """
-        if self.basis is not None and self.coefficients is not None:
+        if self.unwritten is not None:
+            basis, coefficients = self.unwritten
             moving = rigid_motion.combination(
-                self.basis,
-                self.coefficients,
-                centre - self.basis.origin,
-                velocity,
-                angular_velocity,
+                basis, coefficients, centre - basis.origin, velocity, angular_velocity
             )
-            self.coefficients[:, VELOCITY] += moving
-            self.coefficients[:, POSITION] += time * moving
+            coefficients[:, VELOCITY] += moving
+            coefficients[:, POSITION] += time * moving
             return
         # copies of many bodies would cost more than bodies that stay
         rows = bodies if 2 * len(bodies) < len(self.room) else slice(None)
@@ -134,4 +131,12 @@ def picked(field: np.ndarray, body: np.ndarray, particle: np.ndarray) -> np.ndar
     # axis by axis: what is done with all of them is several times faster then
     if len(field) == 1:
         return field[0].take(particle, axis=1).T
-    return field[body, AXES, particle].T
+    return field[body, _AXES, particle].T
+
+
+def put(field: np.ndarray, body: np.ndarray, particle: np.ndarray, values: np.ndarray) -> None:
+    """Write what `picked` returns."""
+    if len(field) == 1:
+        field[0][:, particle] = values.T
+    else:
+        field[body, _AXES, particle] = values.T

@@ -45,7 +45,7 @@ from softbody_ros.core.rest_shape import RestShape, make_rest_shape
 from softbody_ros.core.rotations import rotation
 from softbody_ros.core.skin import Skin
 from softbody_ros.core.sleep import Stillness
-from softbody_ros.core.sums import blocks, mapped, weighted
+from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import SimulationError
 
 Result = TypeVar('Result')
@@ -266,9 +266,10 @@ class World:
         corners = [(np.zeros((0, 3)), np.zeros((0, 3)))]
         for batch, gains in zip(self._batches, self._gains, strict=True):
             reach = (gains.thickness + sleep.QUIET * batch.rest.scale)[:, None]
-            corners.append((batch.x.min(axis=2) - reach, batch.x.max(axis=2) + reach))
-        low, high = zip(*corners, strict=True)
-        return np.concatenate(low), np.concatenate(high)
+            low, high = boxes.bounds(batch.x)
+            corners.append((low - reach, high + reach))
+        lowest, highest = zip(*corners, strict=True)
+        return np.concatenate(lowest), np.concatenate(highest)
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
@@ -656,7 +657,7 @@ class World:
             rotation=rotations[0],
             linear_velocity=motion.velocity[0] + np.cross(omega, to_origin),
             angular_velocity=omega,
-            displacement=_distances(x[0], matching.affine(centre, rotations, rest)[0], rest),
+            displacement=matching.distances(x, centre, rotations, rest)[0],
         )
 
     def _require_body(self, name: str) -> None:
@@ -706,18 +707,6 @@ def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
     """Return (3, n) float: the rest shape at the start pose, m."""
     rotation = Rotation.from_quat(body.orientation).as_matrix()
     return rotation @ rest.surface.vertices.T + np.array(body.position)[:, None]
-
-
-def _distances(x: np.ndarray, coefficients: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return the distances (n,) of particles (3, n) from a transformed rest shape, m."""
-    coefficients = coefficients.astype(x.dtype, copy=False)
-    result = np.empty(x.shape[1], x.dtype)
-    for part in blocks(x.shape[1]):
-        apart = mapped(coefficients, rest.features[: coefficients.shape[1], part])
-        apart -= x[:, part]
-        apart *= apart
-        np.sqrt(np.add.reduce(apart, axis=0), out=result[part])
-    return result
 
 
 def _twist(linear: np.ndarray, angular: np.ndarray, arms: np.ndarray) -> np.ndarray:
