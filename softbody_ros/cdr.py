@@ -52,6 +52,11 @@ class CdrWriter:
             self._align(alignment)
         return self
 
+    def pad(self, alignment: int) -> CdrWriter:
+        """Append the padding up to something of that alignment."""
+        self._align(alignment)
+        return self
+
     def take(self) -> bytes:
         """Return what was written."""
         return bytes(self._bytes)

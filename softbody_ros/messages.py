@@ -10,8 +10,9 @@ into lists of message objects is a thousand times slower. Small ones come as obj
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -24,6 +25,7 @@ from visualization_msgs.msg import Marker
 
 from softbody_ros.cdr import ENCAPSULATION, CdrWriter
 from softbody_ros.core import RigidFit
+from softbody_ros.core.obstacles import Obstacle
 
 POINT_FIELDS = (
     ('x', PointField.FLOAT32),
@@ -35,6 +37,13 @@ POINT_FIELDS = (
 POINT_TYPE = np.dtype([(name, '<f4' if kind == PointField.FLOAT32 else '<u4')
                        for name, kind in POINT_FIELDS])  # fmt: skip
 
+_SHAPES = {
+    'box': (Marker.CUBE, (0, 1, 2)),
+    'sphere': (Marker.SPHERE, (0, 0, 0)),
+    'cylinder': (Marker.CYLINDER, (0, 0, 2)),
+}
+"""Types of obstacles that are types of markers, and which of their half extents x y z are."""
+
 
 def time_message(nanoseconds: int) -> Time:
     """Return a time as a message."""
@@ -44,7 +53,11 @@ def time_message(nanoseconds: int) -> Time:
 
 def _stamped(stamp: int, rest: bytes) -> bytes:
     """Return the begin of a message with a header: the stamp, and what follows it."""
-    return ENCAPSULATION + struct.pack('<iI', *divmod(stamp, 1_000_000_000)) + rest
+    return ENCAPSULATION + _stamp_bytes(stamp) + rest
+
+
+def _stamp_bytes(stamp: int) -> bytes:
+    return struct.pack('<iI', *divmod(stamp, 1_000_000_000))
 
 
 def _raw(array: np.ndarray) -> memoryview:
@@ -111,21 +124,39 @@ def serialized_marker(
         three corners per triangle, m
 
     """
-    head = CdrWriter(offset=8).string(frame_id).string(namespace)
-    head.primitives('iii', 0, Marker.TRIANGLE_LIST, Marker.ADD)
-    head.primitives('ddddddd', 0, 0, 0, 0, 0, 0, 1)  # pose
-    head.primitives('ddd', 1, 1, 1)  # scale
-    head.primitives('ffff', *color)
-    head.primitives('iI?', 0, 0, False)  # lifetime, frame_locked
-    head.sequence(len(corners), 8)
-    # after the points the offset is a multiple of 8 again, unless there are none
-    tail = CdrWriter(offset=0 if len(corners) else 8 + len(head.take()))
-    tail.sequence(0, 4).string('')  # colors, texture_resource
-    tail.primitives('iI', 0, 0).string('').string('').sequence(0, 1)  # texture
-    tail.sequence(0, 4).string('').string('')  # uv_coordinates, text, mesh_resource
-    tail.string('').sequence(0, 1).primitives('?', False)  # mesh_file, embedded materials
+    head = _marker_head(8, frame_id, namespace, 0, Marker.TRIANGLE_LIST, Marker.ADD)
+    shape = _marker_shape((1.0, 1.0, 1.0), tuple(color), len(corners))
     points = np.ascontiguousarray(corners, dtype='<f8')
-    return b''.join([_stamped(stamp, head.take()), _raw(points), tail.take()])
+    begin = _stamped(stamp, head)
+    return b''.join([begin, _NO_TURN, shape, _raw(points), _marker_end()])
+
+
+# A marker is, after its stamp: head, pose, shape, corners, end. Only the head depends on where in
+# the message it begins: from the pose on everything has its place from a multiple of 8 on.
+_NO_TURN = struct.pack('<7d', 0, 0, 0, 0, 0, 0, 1)
+
+
+@lru_cache(maxsize=4096)
+def _marker_head(
+    offset: int, frame_id: str, namespace: str, number: int, kind: int, action: int
+) -> bytes:
+    writer = CdrWriter(offset).string(frame_id).string(namespace)
+    return writer.primitives('iii', number, kind, action).pad(8).take()
+
+
+@lru_cache(maxsize=4096)
+def _marker_shape(scale: tuple[float, ...], color: tuple[float, ...], corners: int) -> bytes:
+    writer = CdrWriter().primitives('ddd', *scale).primitives('ffff', *color)
+    writer.primitives('iI?', 0, 0, False)  # lifetime, frame_locked
+    return writer.sequence(corners, 8).take()
+
+
+@lru_cache
+def _marker_end(text: str = '') -> bytes:
+    writer = CdrWriter().sequence(0, 4).string('')  # colors, texture_resource
+    writer.primitives('iI', 0, 0).string('').string('').sequence(0, 1)  # texture
+    writer.sequence(0, 4).string(text).string('')  # uv_coordinates, text, mesh_resource
+    return writer.string('').sequence(0, 1).primitives('?', False).take()  # mesh_file, materials
 
 
 def serialized_mesh(vertices: np.ndarray, faces: np.ndarray) -> bytes:
@@ -144,6 +175,65 @@ def serialized_mesh(vertices: np.ndarray, faces: np.ndarray) -> bytes:
     head = CdrWriter().sequence(len(triangles), 4).take()
     middle = CdrWriter(len(head) + triangles.nbytes).sequence(len(points), 8).take()
     return b''.join([ENCAPSULATION, head, _raw(triangles), middle, _raw(points)])
+
+
+class ShownObstacle(NamedTuple):
+    """An obstacle, and as what it is shown."""
+
+    namespace: str
+    number: int
+    color: tuple[float, ...]
+    obstacle: Obstacle
+
+
+def serialized_obstacles(stamp: int, frame_id: str, shown: Sequence[ShownObstacle]) -> bytes:
+    """
+    Return a serialized visualization_msgs/MarkerArray that says all by itself.
+
+    It begins with a marker that deletes all. Boxes, spheres and cylinders are markers of these
+    types; capsules, meshes and planes are TRIANGLE_LISTs in their own frames. Of a plane, with the
+    text 'plane', it is a square about its origin.
+
+    Parameters
+    ----------
+    stamp : int
+        ns
+    frame_id : str
+    shown : sequence of ShownObstacle
+
+    """
+    time = _stamp_bytes(stamp)
+    parts: list[bytes | memoryview] = [struct.pack('<I', len(shown) + 1), time]
+    parts.append(_marker_head(12, frame_id, '', 0, 0, Marker.DELETEALL))
+    parts += [_NO_TURN, _marker_shape((0.0,) * 3, (0.0,) * 4, 0), _marker_end()]
+    offset = sum(map(len, parts))
+    for item, pose in zip(shown, _poses([item.obstacle for item in shown]), strict=True):
+        config = item.obstacle.config
+        kind, axes = _SHAPES.get(config.type, (Marker.TRIANGLE_LIST, ()))
+        scale = tuple(2.0 * config.size[axis] for axis in axes) or (1.0, 1.0, 1.0)
+        corners = b'' if axes else _raw(item.obstacle.triangles)
+        padding = bytes(-offset % 4)
+        at = (offset + len(padding) + len(time)) % 8
+        marker: list[bytes | memoryview] = [
+            padding + time,
+            _marker_head(at, frame_id, item.namespace, item.number, kind, Marker.ADD),
+            pose,
+            _marker_shape(scale, item.color, len(corners) // 24),
+            corners,
+            _marker_end('plane' if config.type == 'plane' else ''),
+        ]
+        offset += sum(map(len, marker))
+        parts += marker
+    return b''.join([ENCAPSULATION, *parts])
+
+
+def _poses(obstacles: Sequence[Obstacle]) -> list[bytes]:
+    """Return the serialized pose of each."""
+    if not obstacles:
+        return []
+    positions = [obstacle.position for obstacle in obstacles]
+    quaternions = Rotation.from_matrix([obstacle.rotation for obstacle in obstacles]).as_quat()
+    return [row.tobytes() for row in np.hstack([positions, quaternions])]
 
 
 def odometry(stamp: int, frame_id: str, body: str, fit: RigidFit) -> Odometry:

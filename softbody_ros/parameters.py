@@ -47,8 +47,9 @@ class NodeConfig(Checked):
         maximum=1e4,
     )  # fmt: skip
     mesh_rate: float = setting(
-        30.0, '~/mesh, in clock time; 0 is off', unit='Hz', minimum=0.0, maximum=1e4
-    )
+        30.0, '~/mesh and what moves of ~/obstacle_markers, in clock time; 0 is off', unit='Hz',
+        minimum=0.0, maximum=1e4,
+    )  # fmt: skip
     time_scale: float = setting(
         1.0, 'simulated seconds per second of the clock; 0 freezes', minimum=0.0, maximum=10.0
     )

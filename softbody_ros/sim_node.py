@@ -27,7 +27,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
@@ -40,6 +39,7 @@ from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError,
 from softbody_ros.core.config import unknown_name
 from softbody_ros.core.gains import damping_ratio, natural_frequency
 from softbody_ros.input_topics import InputTopics
+from softbody_ros.obstacle_markers import LATCHED, ObstacleMarkers
 from softbody_ros.standard_services import Simulation
 from softbody_ros.stepping import MEBIBYTE, Stepper
 
@@ -86,6 +86,7 @@ class SimNode(Node):
         self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node)
         self._gravity_source = self._inputs.gravity_source
         self._publish_rest_mesh()
+        self._obstacle_markers = ObstacleMarkers(self, self._stepper, self._frame_id)
         self._start_clocks()
         self._announce()
 
@@ -171,8 +172,7 @@ class SimNode(Node):
         }
         self._touching: set[str] = set()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', latched)
+        self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
 
     def _create_services(self) -> None:
         self.create_service(Trigger, '~/reset', self._reset)
@@ -283,6 +283,10 @@ class SimNode(Node):
         return self._follows_clock() and self._now() == 0
 
     def _drive(self) -> None:
+        self._advance()
+        self._obstacle_markers.look(due=False)
+
+    def _advance(self) -> None:
         if self._stepper.stepping:
             self._take_steps()
         if self._waits_for_clock():
@@ -344,6 +348,8 @@ class SimNode(Node):
             self._publish_contacts(stamp)
         if 'mesh' in outputs and self._mesh.get_subscription_count():
             self._publish_mesh(stamp, positions)
+        if 'mesh' in outputs:
+            self._obstacle_markers.look(due=True)
         self._publish_seconds += time.perf_counter() - begin
 
     def _publish_points(

@@ -20,6 +20,8 @@ from softbody_ros.core.point_obstacles import PointObstacles
 EDGE_POINTS, MOST_SPIKES = 16, 2000
 """Points along an edge of an obstacle, and of a mesh, that bodies' faces are kept out of."""
 KEPT = 256
+SHOWN_PLANE = 10.0
+"""Half extent of the part of a plane that is shown, m."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,11 @@ class Obstacle:
             local = corners[:: max(len(corners) // MOST_SPIKES, 1)]
         return PointObstacles(self.position + local @ self.rotation.T, radius)
 
+    @property
+    def triangles(self) -> np.ndarray:
+        """(3 m, 3) float: three corners per triangle that show a plane, capsule or mesh, m."""
+        return _triangles(self.config.type, self.config.size, self.faces, self._scale)
+
     def distance(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return signed distances (k,) and outward normals (k, 3) of points (k, 3)."""
         if self.faces is None:
@@ -218,6 +225,32 @@ def _spikes(kind: str, size: tuple[float, ...]) -> tuple[np.ndarray, float]:
         edges = np.array([(x, y, z) for x in steps for y, z in ends])
         return np.concatenate([np.roll(edges, axis, axis=1) for axis in range(3)]) * size, 0.0
     return np.zeros((0, 3)), 0.0
+
+
+# -------------------------------------------------------------------------------------- triangles
+@lru_cache(maxsize=KEPT)
+def _triangles(
+    kind: str, size: tuple[float, ...], faces: NearestFaces | None, scale: float
+) -> np.ndarray:
+    """Return three corners (3 m, 3) per triangle, in the frame of an obstacle, m."""
+    if faces is not None:
+        triangles = faces.triangles
+        corners = triangles.corner + np.stack([0.0 * triangles.ab, triangles.ab, triangles.ac])
+        return scale * corners.transpose(2, 0, 1).reshape(-1, 3)
+    if kind == 'plane':
+        square = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+        return SHOWN_PLANE * np.array(square, dtype=float)
+    if kind != 'capsule':
+        raise ValueError(f'a {kind} is not shown by triangles')
+    # of radius and straight half length 1/2, stretched to what they are
+    surface = make_surface('capsule', 1.0, 1)
+    straight = max(size[2] - size[0], 0.0)
+    corners = 2.0 * surface.vertices[surface.faces.reshape(-1)]
+    side = np.clip(corners[:, 2], -1.0, 1.0)
+    corners[:, 2] -= side
+    corners *= size[0]
+    corners[:, 2] += straight * side
+    return corners
 
 
 # ------------------------------------------------------------------------------- signed distances
