@@ -34,7 +34,7 @@ from shape_msgs.msg import Mesh
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
-from softbody_ros import messages, parameters, standard_server
+from softbody_ros import guide, messages, parameters, standard_server
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
 from softbody_ros.core.config import unknown_name
 from softbody_ros.core.gains import damping_ratio, natural_frequency
@@ -46,12 +46,6 @@ from softbody_ros.stepping import MEBIBYTE, Stepper
 SHORTEST_PERIOD = 0.004
 """Seconds between two looks at the clock, at the least: a look costs rclpy about 0.1 ms."""
 FOREIGN_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
-
-USAGE = """usage: sim_node [--ros-args [-p NAME:=VALUE] [--params-file FILE] ...]
-
-Simulates soft bodies and publishes them. Without arguments: a ball that drops on a plane.
-Parameters, topics and services: see the README, or `ros2 param describe /softbody_sim NAME`.
-"""
 
 
 class SimNode(Node):
@@ -465,13 +459,15 @@ class SimNode(Node):
         )
 
     def _announce(self) -> None:
-        bodies = ', '.join(
-            f'{name} ({self._world.rest_shape(name).particle_count} vertices)'
-            for name in self._world.names
+        rests = {name: self._world.rest_shape(name) for name in self._world.names}
+        self.get_logger().info(
+            guide.where_to_look(
+                self.get_fully_qualified_name(),
+                '/clock' if self._follows_clock() else 'wall time',
+                {name: rest.particle_count for name, rest in rests.items()},
+                (self._points.topic_name, self._mesh.topic_name),
+            )
         )
-        clock = '/clock' if self._follows_clock() else 'wall time'
-        self.get_logger().info(f'simulating {bodies} on {clock}')
-        self.get_logger().info(f'see {self._points.topic_name}, {self._mesh.topic_name}')
 
 
 @dataclass(frozen=True)
@@ -488,7 +484,7 @@ class _Counters:
 def run(stop: threading.Event) -> int:
     """Run the node until `stop` is set; a scene that cannot be is one sentence and exit code 1."""
     if {'-h', '--help'} & set(sys.argv[1:]):
-        print(USAGE)
+        print(guide.help_text())
         return 0
     try:
         # rclpy's own handlers would take the context away in the middle of a callback

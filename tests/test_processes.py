@@ -185,13 +185,6 @@ def test_bad_start_is_one_sentence_and_exit_1(graph, tmp_path, yaml, sentence):
     assert 'Traceback' not in errors
 
 
-def test_help_says_how_to_use_it(graph):
-    process = graph.process('--help')
-    output, _ = process.communicate(timeout=30)
-    assert process.returncode == 0
-    assert 'usage: sim_node' in output
-
-
 # --------------------------------------------------------------------------------- installed trees
 @pytest.fixture(scope='module')
 def workspace(tmp_path_factory):

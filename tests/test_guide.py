@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What a newcomer reads in the terminal is short and says everything."""
+
+import re
+import signal
+
+import pytest
+from sensor_msgs.msg import PointCloud2
+
+from softbody_ros import guide, parameters
+
+SIM = '/softbody_sim'
+
+
+def first_words(graph, *arguments):
+    """Return what a real process says until it publishes, line by line."""
+    process = graph.process(*arguments)
+    clouds = graph.collect(PointCloud2, '/cloud')
+    graph.spin_until(lambda: clouds)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=30)
+    assert not output
+    return errors.splitlines()
+
+
+def test_start_says_where_to_look_in_a_few_lines(graph):
+    lines = first_words(graph, '--ros-args', '-r', '~/points:=/cloud')
+    assert len(lines) <= 6
+    said = '\n'.join(lines)
+    assert 'simulating ball (642 vertices) on wall time' in lines[0]
+    assert 'viewer' in said
+    assert 'rviz2 -d' in said
+    (layout,) = re.findall(r'rviz2 -d (\S+)', said)
+    assert (guide.config_folder() / 'softbody.rviz').is_file() and layout.startswith('/')
+    assert '/cloud (PointCloud2), /softbody_sim/mesh (Marker)' in said
+    assert 'ros2 param set /softbody_sim ball.stiffness' in said
+
+
+def test_start_names_a_node_elsewhere_and_does_not_list_many_bodies(graph):
+    names = [f'egg{index}' for index in range(20)]
+    own = [part for name in names for part in ('-p', f'{name}.subdivisions:=0')]
+    lines = first_words(
+        graph, '--ros-args', '-r', '__ns:=/left', '-r', '~/points:=/cloud',
+        '-p', f'bodies:=[{", ".join(names)}]', *own,
+    )  # fmt: skip
+    said = '\n'.join(lines)
+    assert len(lines) <= 6
+    assert '20 bodies (240 vertices)' in lines[0]
+    assert 'viewer --node /left/softbody_sim' in said
+    assert 'ros2 param set /left/softbody_sim egg0.stiffness' in said
+    assert 'rviz2' not in said  # its layout has other topics
+
+
+def test_help_names_every_parameter_topic_and_service(graph):
+    graph.sim_node(ball__subdivisions=1)
+    graph.spin_until(lambda: graph.node.count_publishers(f'{SIM}/points'))
+    text = guide.help_text()
+    assert len(text.splitlines()) <= 45
+    for name in parameters.table(parameters.SceneLists()):
+        known = name.removeprefix('ball.').removeprefix('ground.').split('.')[0]
+        assert re.search(rf'\b{known}\b', text), name
+
+    node = ('softbody_sim', '/')
+    topics = graph.node.get_publisher_names_and_types_by_node(*node)
+    topics += graph.node.get_subscriber_names_and_types_by_node(*node)
+    services = graph.node.get_service_names_and_types_by_node(*node)
+    simple = [name for name, kinds in services if kinds[0].startswith('std_srvs')]
+    names = [name for name, _ in topics if name.startswith(SIM)] + simple
+    assert len(names) > 15
+    for name in names:
+        assert name.replace(SIM, '~') in text, name
+
+
+def test_help_of_the_command_names_scenes_that_exist(graph):
+    output, _ = graph.process('--help').communicate(timeout=30)
+    assert output == guide.help_text() + '\n'
+    (folder,) = re.findall(r'scenes, in (.*):', output)
+    assert folder == str(guide.config_folder())
+    for name in ('default.yaml', 'contact.yaml'):
+        assert name in output
+        assert (guide.config_folder() / name).is_file()
+
+
+@pytest.mark.parametrize('installed', [False, True])
+def test_the_viewer_is_offered_or_how_to_get_it(monkeypatch, installed):
+    found = object() if installed else None
+    monkeypatch.setattr(guide.importlib.util, 'find_spec', lambda name: found)
+    said = guide.where_to_look(SIM, '/clock', {'ball': 3}, ('/a', '/b'))
+    assert ('http://127.0.0.1:8080' in said) == installed
+    assert ("pip install '.[viewer]'" in said) == (not installed)
