@@ -61,10 +61,12 @@ class Graph:
             )
         )
 
-    def process(self, *arguments: str, environment: dict | None = None) -> subprocess.Popen:
-        """Start `sim_node` as a process of its own in this graph's domain."""
+    def process(
+        self, *arguments: str, environment: dict | None = None, module: str = 'softbody_ros'
+    ) -> subprocess.Popen:
+        """Start `sim_node`, or another command, as a process of its own in this graph's domain."""
         process = subprocess.Popen(
-            [sys.executable, '-m', 'softbody_ros', *arguments],
+            [sys.executable, '-m', module, *arguments],
             env=os.environ | {'ROS_DOMAIN_ID': str(self.domain)} | (environment or {}),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The command `viewer`: a web page beside a running `sim_node`, a bag, or another machine."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import ipaddress
+import signal
+import sys
+import threading
+
+EPILOG = """\
+examples:
+  viewer                              beside a sim_node on this machine or in this network
+  viewer --node /left/softbody_sim    of several nodes, the one with this name
+  viewer --host 0.0.0.0               for browsers on other machines, too: whoever reaches the
+                                      port can steer the node
+  ros2 bag play my_bag                a bag with /softbody_sim/points and /softbody_sim/rest_mesh
+                                      is shown like a node, without anything to steer
+
+Drag turns the view, a click on a body pokes it. What follows --ros-args goes to ROS.
+"""
+
+
+def main() -> int:
+    """Serve the page until SIGINT or SIGTERM; a second one ends it at once."""
+    stop = threading.Event()
+
+    def handle(number: int, _: object) -> None:
+        stop.set()
+        signal.signal(number, signal.SIG_DFL)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handle)
+
+    arguments = sys.argv[1:]
+    split = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)
+    options = parser().parse_args(arguments[:split])
+    for module, remedy in (
+        ('viser', "install it with pip install '.[viewer]'"),
+        ('rclpy', "source ROS 2 Jazzy, or install it with pip install '.[jazzy]'"),
+    ):
+        if importlib.util.find_spec(module) is None:
+            print(f'viewer: the module {module} is not installed: {remedy}', file=sys.stderr)
+            return 1
+
+    from softbody_ros.viewer.app import run
+
+    return run(options, arguments[split:], stop)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the arguments before `--ros-args`."""
+    result = argparse.ArgumentParser(
+        'viewer',
+        description='Show soft bodies in a web page, live, with a slider for each property.',
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    result.add_argument(
+        '--node', default='/softbody_sim', type=_node_name, metavar='NAME',
+        help='the node to show: its full name [%(default)s]',
+    )  # fmt: skip
+    result.add_argument(
+        '--host', default='127.0.0.1', type=_address, metavar='ADDRESS',
+        help='the address to serve at; 127.0.0.1 is this machine only [%(default)s]',
+    )  # fmt: skip
+    result.add_argument(
+        '--port', default=8080, type=_port,
+        help='its port; if it is taken, the next free one [%(default)s]',
+    )  # fmt: skip
+    result.add_argument(
+        '--rate', default=30.0, type=_rate, metavar='HZ',
+        help='pictures a second, at most [%(default)g]',
+    )  # fmt: skip
+    return result
+
+
+def _node_name(text: str) -> str:
+    name = '/' + text.strip('/')
+    if not name.replace('/', '').replace('_', '').isalnum() or '//' in name:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is no name of a node: give one such as /softbody_sim'
+        )
+    return name
+
+
+def _address(text: str) -> str:
+    try:
+        return str(ipaddress.ip_address('127.0.0.1' if text == 'localhost' else text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is no IP address: give one such as 127.0.0.1, or 0.0.0.0 for all'
+        ) from None
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 65535:
+        raise argparse.ArgumentTypeError(f'{text!r} is no port: it must be from 1 to 65535')
+    return int(text)
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0.1 <= rate <= 240.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is no rate: it must be from 0.1 to 240 Hz')
+    return rate
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,351 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The viewer's ROS node: what it hears goes to the page, what is done there to the other node."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import contextlib
+import io
+import sys
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped
+import numpy as np
+from rcl_interfaces.msg import ParameterDescriptor
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_srvs.srv import SetBool, Trigger
+import viser
+from visualization_msgs.msg import MarkerArray
+
+from softbody_ros.viewer import fields, frames
+from softbody_ros.viewer.fields import Field
+from softbody_ros.viewer.frames import Frame, FrameError, Surface
+from softbody_ros.viewer.panel import Panel
+from softbody_ros.viewer.remote import PATIENCE, Remote
+from softbody_ros.viewer.stage import Stage
+
+SILENCE = 3.0
+"""Seconds after which a node that says nothing is gone: its diagnostics come once a second."""
+MEMORY = 5.0
+"""Seconds for which the legend remembers the largest displacement."""
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class PageServer(viser.ViserServer):
+    """viser's server, quiet, which no page can have shared with the rest of the world."""
+
+    def __init__(self, host: str, port: int) -> None:
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().__init__(host, port, verbose=False)
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        """Refuse to open a tunnel to a public address."""
+
+    def stop(self) -> None:
+        """Close the pages."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
+
+class Viewer(Node):
+    """
+    Shows the node `target` on the pages of a server.
+
+    All of it happens in the thread that spins this node; the server's threads only leave tasks.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, target: str, rate: float, **node_arguments: Any
+    ) -> None:
+        super().__init__('softbody_viewer', **node_arguments)
+        self._server, self._target = server, target
+        self._stage = Stage(server)
+        self._panel = Panel(server.gui, self._later, self._act, self._change)
+        self._remote = Remote(self, target, self)
+        self._names: list[str] = []
+        self._asked = -PATIENCE
+        self._is_described = False
+        self._surface: Surface | None = None
+        self._colors: list = []
+        self._drawn = ''
+        self._cloud: bytes | None = None
+        self._frame: Frame | None = None
+        self._heard = -SILENCE
+        self._clouds = self._pictures = 0
+        self._report: dict[str, str] = {}
+        self._summary = ''
+        self._peaks: list[tuple[float, float]] = []
+        self._problem = ''
+
+        def listen(kind: type, topic: str, use: Callable, qos: Any, raw: bool = False) -> None:
+            self.create_subscription(kind, topic, use, qos, raw=raw)
+
+        # raw: many more clouds come than are shown
+        listen(PointCloud2, f'{target}/points', self._take_cloud, 1, raw=True)
+        listen(Mesh, f'{target}/rest_mesh', self._take_mesh, LATCHED)
+        listen(MarkerArray, f'{target}/obstacle_markers', self._take_obstacles, LATCHED)
+        listen(DiagnosticArray, '/diagnostics', self._take_diagnostics, 10)
+        self._poke = self.create_publisher(PointStamped, f'{target}/poke', 10)
+        self._triggers = {
+            name: self.create_client(Trigger, f'{target}/{name}')
+            for name in ('reset', 'step', 'apply_initial_velocity')
+        }
+        self._pause = self.create_client(SetBool, f'{target}/pause')
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / rate, self._show, clock=steady)
+        self._counted = time.monotonic()
+        self.create_timer(1.0, self._tell, clock=steady)
+        self.create_timer(0.25, self._look_for_node, clock=steady)
+        server.scene.on_click()(self._clicked)
+        self._tell()
+
+    def _later(self, task: Callable[[], Any]) -> None:
+        """Have something done in the thread of this node."""
+        if self.executor is not None:
+            self.executor.create_task(task)
+
+    # ------------------------------------------------------------------------------ what is heard
+    def _take_cloud(self, cloud: bytes) -> None:
+        self._cloud, self._heard = cloud, time.monotonic()
+        self._clouds += 1
+
+    def _take_mesh(self, mesh: Mesh) -> None:
+        try:
+            surface = frames.surface(mesh)
+        except FrameError as error:
+            self._problem = f'{self._target}/rest_mesh: {error}'
+            return
+        if self._surface is None and len(surface.vertices):
+            self._stage.look_at(surface)
+        self._surface, self._drawn = surface, ''
+        self._is_described = False  # it may be another node of this name
+
+    def _take_obstacles(self, message: MarkerArray) -> None:
+        self._stage.set_obstacles(message.markers)
+
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._target:
+                self._heard = time.monotonic()
+                self._summary = status.message
+                self._report = {item.key: item.value for item in status.values}
+                self._panel.paused(status.message.startswith('paused'))
+
+    # ------------------------------------------------------------------------------ what is shown
+    def _show(self) -> None:
+        """Show the newest cloud, if it has not been shown."""
+        cloud, self._cloud = self._cloud, None
+        if cloud is None or self._surface is None:
+            return
+        try:
+            self._frame = frames.frame(deserialize_message(cloud, PointCloud2))
+        except FrameError as error:
+            self._problem = f'{self._target}/points: {error}'
+            return
+        self._problem = ''
+        self._draw()
+
+    def _draw(self) -> None:
+        frame = self._frame
+        if frame is None or self._surface is None or not self._surface.fits(frame):
+            return
+        bodies = int(frame.body.max(initial=0)) + 1
+        wanted = [
+            self._colors[index] if index < len(self._colors) else _palette(index)
+            for index in range(bodies)
+        ]
+        if self._drawn != repr(wanted):
+            self._drawn = repr(wanted)
+            self._stage.set_bodies(self._surface, frame.body, wanted)
+        most = self._largest(frame) if self._panel.by_displacement else None
+        self._panel.legend(most)
+        self._stage.show(frame, most)
+        self._pictures += 1
+
+    def _largest(self, frame: Frame) -> float:
+        """Return the end of the legend, m: a round number beyond the last displacements."""
+        now, largest = time.monotonic(), float(frame.displacement.max(initial=0.0))
+        self._peaks = [
+            peak for peak in self._peaks if now - peak[0] < MEMORY and peak[1] > largest
+        ]
+        self._peaks.append((now, largest))
+        return frames.round_up(max(self._peaks[0][1], 1e-3))
+
+    def _tell(self) -> None:
+        """Write the status of the last second."""
+        now = time.monotonic()
+        seconds, self._counted = now - self._counted, now
+        clouds, pictures = self._clouds / max(seconds, 1e-9), self._pictures / max(seconds, 1e-9)
+        self._clouds = self._pictures = 0
+        silent = now - self._heard
+        if self._frame is None and silent >= SILENCE:
+            text = f'**Waiting for {self._target}.** {self._others()}'
+        elif silent >= SILENCE:
+            text = (
+                f'**{self._target} is gone**, for {silent:.0f} s: this is the last that came. '
+                'When it is back, it is shown again.'
+            )
+        else:
+            state = self._summary if self._remote.is_there else 'a recording: nothing to steer'
+            facts = [
+                f'{clouds:.0f} clouds/s, {pictures:.0f} shown',
+                f'{0 if self._frame is None else len(self._frame.positions)} vertices',
+            ]
+            if self._report:
+                facts[1:1] = [f'real-time factor {self._report.get("real-time factor", "?")}']
+                facts += [f'{self._report.get("dropped time (s)", "?")} s dropped']
+            text = f'**{self._target}**: {state}  \n' + ' · '.join(facts)
+        self._panel.status(f'{text}\n\n{self._problem}' if self._problem else text)
+        self._panel.settle()
+
+    def _others(self) -> str:
+        """Return what to do when the node is not to be seen."""
+        names = [
+            topic.removesuffix('/rest_mesh')
+            for topic, _ in self.get_topic_names_and_types()
+            if topic.endswith('/rest_mesh') and topic != f'{self._target}/rest_mesh'
+        ]
+        if names:
+            return f'There is {", ".join(names)}: to show it, start `viewer --node {names[0]}`.'
+        return 'Start it with `sim_node`, or play a bag; the same `ROS_DOMAIN_ID` is needed.'
+
+    # --------------------------------------------------------------------- parameters, as listener
+    def _look_for_node(self) -> None:
+        now = time.monotonic()
+        is_there = self._remote.is_there and now - self._heard < SILENCE
+        if not is_there:
+            self._remote.forget()
+            self._is_described = False
+        elif not self._is_described and now - self._asked >= PATIENCE:
+            self._asked = now
+            self._later(self._remote.describe)
+        self._panel.steerable(self._is_described)
+
+    def described(self, descriptors: list[ParameterDescriptor], values: dict[str, Any]) -> None:
+        """Make the panel of the node's parameters."""
+        self._is_described = True
+        shown = [
+            fields.field(item, values[item.name]) for item in descriptors if not item.read_only
+        ]
+        self._names = [name for name in values.get('bodies', []) if name]
+        obstacles = [name for name in values.get('obstacles', []) if name]
+        self._panel.describe(shown, values, self._names, obstacles)
+        self._colors = [_rgba(values.get(f'{name}.color')) for name in self._names]
+        self._draw()
+
+    def changed(self, name: str, value: Any) -> None:
+        """Show a parameter's value."""
+        self._panel.show(name, value)
+        body, _, rest = name.partition('.')
+        if rest == 'color' and body in self._names:
+            self._colors[self._names.index(body)] = _rgba(value)
+            self._draw()
+
+    def refused(self, name: str, reason: str) -> None:
+        """Show why the node has not taken a value."""
+        self._notify(f'{name} stays as it is', reason, 'red')
+
+    def _notify(self, title: str, text: str, color: Any) -> None:
+        for client in self._server.get_clients().values():
+            client.add_notification(title, text, auto_close_seconds=10.0, color=color)
+
+    # -------------------------------------------------------------------- what is done on the page
+    def _change(self, field: Field, value: Any) -> None:
+        try:
+            self._remote.set(field.name, field.type, fields.from_widget(field, value))
+        except fields.FieldError as error:
+            self.refused(field.name, str(error))
+
+    def _act(self, action: str) -> None:
+        if action == 'pause':
+            future = self._pause.call_async(SetBool.Request(data=not self._panel.is_paused))
+        else:
+            future = self._triggers[action].call_async(Trigger.Request())
+        future.add_done_callback(lambda done: self._acted(action, done))
+
+    def _acted(self, action: str, future: Future) -> None:
+        answer = future.result()
+        if not answer.success:
+            self._notify(f'no {action}'.replace('_', ' '), answer.message, 'red')
+        elif action == 'pause':
+            self._panel.paused(answer.message.startswith('paused'))
+
+    def _clicked(self, event: viser.SceneClickEvent) -> None:
+        origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
+        self._later(lambda: self._poke_along(origin, direction))
+
+    def _poke_along(self, origin: np.ndarray, direction: np.ndarray) -> None:
+        if self._frame is None or self._surface is None or not self._surface.fits(self._frame):
+            return
+        point = frames.first_hit(origin, direction, self._frame.positions, self._surface.faces)
+        if point is None:
+            return
+        message = PointStamped()
+        message.header.frame_id = self._frame.frame_id
+        message.point.x, message.point.y, message.point.z = (float(item) for item in point)
+        self._poke.publish(message)
+
+
+def _palette(index: int) -> tuple[int, int, int, int]:
+    return (*frames.PALETTE[index % len(frames.PALETTE)], 255)
+
+
+def _rgba(color: Any) -> tuple[int, int, int, int]:
+    if color is None or len(color) != 4:
+        return _palette(0)
+    red, green, blue, alpha = (round(255.0 * item) for item in color)
+    return red, green, blue, alpha
+
+
+def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.Event) -> int:
+    """Serve until `stop` is set; an address that cannot be had is one sentence and exit code 1."""
+    try:
+        server = PageServer(options.host, options.port)
+    except OSError as error:
+        print(
+            f'viewer: {options.host} port {options.port} cannot be served at: {error.strerror}; '
+            'choose another --host or --port',
+            file=sys.stderr,
+        )
+        return 1
+    try:
+        rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
+        node = Viewer(server, options.node, options.rate)
+        node.get_logger().info(
+            f'open http://{options.host}:{server.get_port()} in a browser; it shows {options.node}'
+        )
+        _spin(node, stop)
+    finally:
+        rclpy.try_shutdown()
+        server.stop()
+    return 0
+
+
+def _spin(node: Viewer, stop: threading.Event) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        try:
+            executor.spin_once(timeout_sec=1.0)
+        except ExternalShutdownException:
+            return
+        except Exception as error:
+            # whatever others send: the page goes on
+            node.get_logger().error(
+                f'a callback failed and is ignored: {type(error).__name__}: {error}',
+                throttle_duration_sec=1.0,
+            )

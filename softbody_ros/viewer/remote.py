@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters and services of another node, asked without ever waiting for it."""
+
+from __future__ import annotations
+
+from functools import partial
+import time
+from typing import Any, Protocol
+
+from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
+
+PATIENCE = 2.0
+"""Seconds after which a question that nobody has answered is asked again."""
+
+
+class Listener(Protocol):
+    """Who is told what the other node says."""
+
+    def described(self, descriptors: list[ParameterDescriptor], values: dict[str, Any]) -> None:
+        """Take note of all parameters that the node has."""
+
+    def changed(self, name: str, value: Any) -> None:
+        """Take note of a parameter's value, whoever has set it."""
+
+    def refused(self, name: str, reason: str) -> None:
+        """Take note that the node has not taken a value."""
+
+
+class Remote:
+    """
+    One other node. It may come and go: what it does not answer is forgotten with `forget`.
+
+    Of the values that a slider passes through only the newest waits while the node is asked.
+    """
+
+    def __init__(self, node: Node, name: str, listener: Listener) -> None:
+        self._node, self._name, self._listener = node, name, listener
+        self._client = AsyncParameterClient(node, name)
+        self._values: dict[str, Any] = {}
+        self._asking: dict[str, float] = {}
+        self._wanted: dict[str, Parameter] = {}
+        self._visit = 0
+        node.create_subscription(ParameterEvent, '/parameter_events', self._heard, 100)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether its parameters can be asked for."""
+        return self._client.services_are_ready()
+
+    def forget(self) -> None:
+        """Wait no longer for what it has been asked."""
+        self._visit += 1
+        self._asking.clear()
+        self._wanted.clear()
+
+    async def describe(self) -> None:
+        """Ask for all parameters; the listener is told what they are."""
+        self.forget()
+        visit = self._visit
+        names = list((await self._client.list_parameters()).result.names)
+        descriptors = list((await self._client.describe_parameters(names)).descriptors)
+        values = (await self._client.get_parameters(names)).values
+        if visit != self._visit or not len(names) == len(descriptors) == len(values):
+            return
+        self._values = {
+            name: parameter_value_to_python(value)
+            for name, value in zip(names, values, strict=True)
+        }
+        self._listener.described(descriptors, dict(self._values))
+
+    def set(self, name: str, kind: int, value: Any) -> None:
+        """Ask it to set a parameter to a value of a `ParameterType`."""
+        self._wanted[name] = Parameter(name, Parameter.Type(kind), value)
+        if time.monotonic() - self._asking.get(name, -PATIENCE) >= PATIENCE:
+            self._ask(name)
+
+    def _ask(self, name: str) -> None:
+        wanted = self._wanted.pop(name)
+        self._asking[name] = time.monotonic()
+        future = self._client.set_parameters([wanted])
+        future.add_done_callback(partial(self._answered, self._visit, wanted))
+
+    def _answered(self, visit: int, wanted: Parameter, future: Future) -> None:
+        if visit != self._visit:
+            return
+        name = wanted.name
+        self._asking.pop(name, None)
+        result = future.result().results[0]
+        if result.successful:
+            self._values[name] = wanted.value
+        if name in self._wanted:
+            self._ask(name)
+            return
+        if not result.successful:
+            self._listener.refused(name, result.reason)
+        self._listener.changed(name, self._values[name])
+
+    def _heard(self, event: ParameterEvent) -> None:
+        if event.node != self._name:
+            return
+        for item in [*event.new_parameters, *event.changed_parameters]:
+            # of what it is being asked here, the answer tells; an event may be an older value
+            if item.name in self._values and item.name not in {*self._asking, *self._wanted}:
+                self._values[item.name] = parameter_value_to_python(item.value)
+                self._listener.changed(item.name, self._values[item.name])

@@ -1,0 +1,323 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The viewer as people use it: a real browser, a real node, each a process of its own."""
+
+import io
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+
+from geometry_msgs.msg import PointStamped
+import numpy as np
+from PIL import Image
+from playwright.sync_api import expect, sync_playwright
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from visualization_msgs.msg import Marker, MarkerArray
+
+from conftest import Graph
+from softbody_ros.messages import POINT_TYPE
+
+SIM = '/softbody_sim'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+# without a GPU; and a browser that calls nobody
+BROWSER_ARGUMENTS = [
+    '--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
+    '--disable-background-networking', '--disable-component-update', '--disable-sync',
+]  # fmt: skip
+VIEW = {'x': 0, 'y': 0, 'width': 400, 'height': 400}
+"""The part of the page beside the panel."""
+BALL = 1500
+"""Orange pixels that are no detail of the page."""
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture(scope='module')
+def browser():
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None and 'CI' not in os.environ:
+        pytest.skip('needs Chromium: apt-get install chromium')
+    with sync_playwright() as playwright:
+        result = playwright.chromium.launch(executable_path=path, args=BROWSER_ARGUMENTS)
+        yield result
+        result.close()
+
+
+class Show:
+    """A node, a viewer and a page that shows it."""
+
+    def __init__(self, browser, graph, node=SIM):
+        self.graph = graph
+        self.port = free_port()
+        self.viewer = graph.process(
+            '--port', str(self.port), '--node', node, '--rate', '15', module='softbody_ros.viewer'
+        )
+        # the port is open before the first line is printed
+        self.greeting = self.viewer.stderr.readline()
+        self.page = browser.new_page(viewport={'width': 720, 'height': 400})
+        self.page.goto(f'http://127.0.0.1:{self.port}')
+
+    def picture(self):
+        """Return the view, (400, 400, 3), 0 … 255."""
+        image = Image.open(io.BytesIO(self.page.screenshot(clip=VIEW)))
+        return np.asarray(image.convert('RGB')).astype(int)
+
+    def orange(self):
+        """Return which pixels are of the ball's colour."""
+        red, green, blue = np.moveaxis(self.picture(), -1, 0)
+        return (red > green + 40) & (green > blue + 20)
+
+    def height(self):
+        """Return how far up in the view the ball's middle is, pixels; None if it is not there."""
+        rows, _ = np.nonzero(self.orange())
+        return 400.0 - rows.mean() if len(rows) > BALL else None
+
+    def row(self, label):
+        """Return the row of the panel with a label."""
+        words = self.page.locator('label', has_text=re.compile(f'^{re.escape(label)}$'))
+        return words.locator('xpath=ancestor::p/../..')
+
+    def number(self, label, index=0):
+        return self.row(label).locator('input[inputmode=decimal]').nth(index)
+
+    def parameter(self, name):
+        return self.graph.get_parameters(SIM, [name])[0]
+
+    def says(self, text):
+        expect(self.page.locator('body')).to_contain_text(text, timeout=20_000)
+
+
+@pytest.fixture(scope='module')
+def show(browser):
+    """One show for the tests that leave it as it was."""
+    graph = Graph()
+    graph.process('--ros-args', '-p', 'time_scale:=0.5')
+    result = Show(browser, graph)
+    result.says('running')
+    expect(result.row('stiffness')).to_be_visible(timeout=20_000)
+    graph.spin_until(lambda: result.height(), 'a ball in the view')
+    yield result
+    result.page.close()
+    graph.close()
+
+
+def heights(cloud):
+    return np.frombuffer(cloud.data, POINT_TYPE)['z']
+
+
+def button(show, name):
+    return show.page.get_by_role('button', name=name, exact=True)
+
+
+# --------------------------------------------------------------------------------------- the view
+def test_the_page_shows_a_body_that_falls_and_the_reset_button_puts_it_back(show):
+    show.graph.spin_until(lambda: show.height() < 141, 'a ball on the ground')
+    before = show.picture()
+    clouds = show.graph.collect(PointCloud2, f'{SIM}/points', 500)
+    show.graph.spin_until(lambda: clouds)
+    button(show, 'Reset').click()
+    show.graph.spin_until(lambda: show.height() > 183, 'a ball up in the air')
+    assert np.mean(np.abs(show.picture() - before).max(axis=-1) > 30) > 0.01
+    # the node's ball, too: it starts 1.5 m up, with a radius of 0.5 m
+    show.graph.spin_until(lambda: any(heights(cloud).max() > 1.9 for cloud in clouds))
+    show.graph.spin_until(lambda: show.height() < 141, 'it falls again')
+
+
+def test_colours_by_displacement_with_a_legend(show):
+    show.graph.spin_until(lambda: show.height())
+    show.row('colour by').locator('input').first.click()
+    show.page.get_by_role('option', name='displacement').click()
+    # the ground presses it flat by some millimetres
+    show.graph.spin_until(lambda: show.orange().sum() < BALL, 'another colour')
+    legend = show.page.locator('div[style*="linear-gradient"]')
+    expect(legend).to_be_visible()
+    assert re.search(r'0\s*\d+ [cm]?m', legend.locator('xpath=..').inner_text())
+    picture = show.picture()
+    assert (picture[..., 2] > picture[..., 0] + 30).sum() > BALL  # little is blue
+    show.row('colour by').locator('input').first.click()
+    show.page.get_by_role('option', name='body').click()
+    show.graph.spin_until(lambda: show.height(), 'orange again')
+    expect(legend).to_be_hidden()
+
+
+def test_obstacles_are_shown(show):
+    before = show.picture()
+    publisher = show.graph.node.create_publisher(MarkerArray, f'{SIM}/obstacles', 1)
+    show.graph.spin_until(publisher.get_subscription_count)
+    box = Marker(ns='tester', type=Marker.CUBE)
+    box.header.frame_id = 'world'
+    box.pose.position.x, box.pose.position.z, box.pose.orientation.w = -1.2, 0.3, 1.0
+    box.scale.x = box.scale.y = box.scale.z = 0.6
+    publisher.publish(MarkerArray(markers=[box]))
+    show.graph.spin_until(
+        lambda: np.mean(np.abs(show.picture() - before).max(axis=-1) > 30) > 0.01, 'a box'
+    )
+
+
+# -------------------------------------------------------------------------------------- the panel
+def test_a_slider_sets_the_parameter_of_the_node(show):
+    thumb = show.row('stiffness').get_by_role('slider')
+    assert (thumb.get_attribute('aria-valuemin'), thumb.get_attribute('aria-valuemax')) == (
+        '0',
+        '1',
+    )
+    track = show.row('stiffness').locator('.mantine-Slider-track').bounding_box()
+    middle = track['y'] + track['height'] / 2
+    show.page.mouse.move(track['x'] + 0.5 * track['width'], middle)
+    show.page.mouse.down()
+    for share in np.linspace(0.5, 0.9, 9):
+        show.page.mouse.move(track['x'] + share * track['width'], middle)
+    show.page.mouse.up()
+    show.graph.spin_until(lambda: 0.85 < show.parameter('ball.stiffness') < 0.95)
+    # keys take single steps
+    value = show.parameter('ball.stiffness')
+    thumb.press('ArrowRight')
+    show.graph.spin_until(lambda: show.parameter('ball.stiffness') > value)
+
+
+def test_a_change_made_elsewhere_moves_the_slider(show):
+    assert show.graph.set_parameter(SIM, 'ball.stiffness', 0.25).successful
+    expect(show.number('stiffness')).to_have_value('0.25', timeout=20_000)
+    assert show.row('stiffness').get_by_role('slider').get_attribute('aria-valuenow') == '0.25'
+    # beyond what a slider of 0 … 2 kg shows
+    assert show.graph.set_parameter(SIM, 'ball.mass', 40.0).successful
+    expect(show.number('mass [kg]')).to_have_value('40', timeout=20_000)
+    assert show.graph.set_parameter(SIM, 'ball.mode', 'rigid').successful
+    expect(show.row('mode').locator('input').first).to_have_value('rigid', timeout=20_000)
+    assert show.graph.set_parameter(SIM, 'ball.mode', 'quadratic').successful
+
+
+def test_choices_set_the_parameter_of_the_node(show):
+    show.row('mode').locator('input').first.click()
+    show.page.get_by_role('option', name='linear').click()
+    show.graph.spin_until(lambda: show.parameter('ball.mode') == 'linear')
+
+
+def test_a_refused_value_shows_why_and_snaps_back(show):
+    up = show.number('direction', 2)
+    expect(up).to_have_value('-1')
+    up.fill('0')
+    up.press('Enter')
+    show.says('its length must not be zero')
+    expect(up).to_have_value('-1')
+    assert show.parameter('gravity.direction') == [0.0, 0.0, -1.0]
+
+
+def test_tooltips_are_the_descriptions(show):
+    show.number('elasticity').hover()
+    show.says('restitution ε')
+
+
+def test_pause_step_and_apply_velocity(show):
+    button(show, 'Pause').click()
+    show.says('paused')
+    step = button(show, 'Step')
+    expect(step).to_be_enabled()
+    clouds = show.graph.collect(PointCloud2, f'{SIM}/points')
+    step.click()
+    show.graph.spin_until(lambda: clouds, 'a tick')
+    button(show, 'Go on').click()
+    show.says('running')
+    spin = show.number('linear [m/s]', 2)
+    spin.fill('6')
+    spin.press('Enter')
+    show.graph.spin_until(lambda: show.parameter('ball.initial_velocity.linear')[2] == 6.0)
+    button(show, 'Apply velocity').click()
+    show.graph.spin_until(
+        lambda: any(heights(cloud).min() > 0.3 for cloud in clouds), 'a ball that is up'
+    )
+
+
+def test_a_click_on_a_body_pokes_it_there(show):
+    pokes = show.graph.collect(PointStamped, f'{SIM}/poke')
+    clouds = show.graph.collect(PointCloud2, f'{SIM}/points', 1)
+    show.graph.spin_until(lambda: (show.height() or 999.0) < 141 and clouds)
+    rows, columns = np.nonzero(show.orange())
+    show.page.mouse.click(columns.mean(), rows.mean())
+    show.graph.spin_until(lambda: pokes, 'a poke')
+    point = pokes[0].point
+    cloud = np.frombuffer(clouds[-1].data, POINT_TYPE)
+    near = np.hypot(np.hypot(cloud['x'] - point.x, cloud['y'] - point.y), cloud['z'] - point.z)
+    assert near.min() < 0.1
+    assert point.y < 0.0  # the camera's side
+    assert pokes[0].header.frame_id == 'world'
+
+
+# -------------------------------------------------------------------------- nodes come and go
+def test_a_node_that_goes_is_missed_and_one_that_comes_is_shown(browser, graph):
+    show = Show(browser, graph)
+    assert f'http://127.0.0.1:{show.port}' in show.greeting
+    show.says(f'Waiting for {SIM}')
+    first = graph.process()
+    show.says('642 vertices')
+    first.send_signal(signal.SIGKILL)  # without a word
+    show.says('is gone')
+    expect(button(show, 'Reset')).to_be_disabled()
+    graph.process('--ros-args', '-p', 'ball.subdivisions:=2', '-p', 'ball.stiffness:=0.125')
+    show.says('162 vertices')
+    expect(show.number('stiffness')).to_have_value('0.125', timeout=20_000)
+    expect(button(show, 'Reset')).to_be_enabled()
+    graph.spin_until(lambda: show.height(), 'the other ball')
+    show.viewer.send_signal(signal.SIGINT)
+    _, errors = show.viewer.communicate(timeout=30)
+    assert show.viewer.returncode == 0, errors
+    assert 'Traceback' not in errors
+    show.page.close()
+
+
+def test_messages_alone_are_shown_as_of_a_bag(browser, graph):
+    """What was recorded of a node is played under another name, where nobody answers."""
+    graph.process('--ros-args', '-p', 'points_rate:=20.0')
+    clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    meshes = graph.collect(Mesh, f'{SIM}/rest_mesh', LATCHED)
+    graph.spin_until(lambda: len(clouds) > 5 and meshes)
+    mesh = graph.node.create_publisher(Mesh, '/tape/rest_mesh', LATCHED)
+    points = graph.node.create_publisher(PointCloud2, '/tape/points', 10)
+    mesh.publish(meshes[0])
+    graph.node.create_timer(0.05, lambda: points.publish(clouds[0]))
+    show = Show(browser, graph, '/tape')
+
+    def says(text):
+        graph.spin_until(lambda: text in show.page.locator('body').inner_text(), text)
+
+    says('a recording: nothing to steer')
+    graph.spin_until(lambda: show.height(), 'the ball')
+    expect(button(show, 'Reset')).to_be_disabled()
+    show.page.close()
+
+
+# ------------------------------------------------------------------------------- the command line
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--port', '99999'], "'99999' is no port: it must be from 1 to 65535"),
+        (['--host', 'nowhere'], "'nowhere' is no IP address: give one such as 127.0.0.1"),
+        (['--node', 'a b'], "'a b' is no name of a node: give one such as /softbody_sim"),
+        (['--rate', '0'], "'0' is no rate: it must be from 0.1 to 240 Hz"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_sentence(arguments, sentence):
+    run = subprocess.run(
+        [sys.executable, '-m', 'softbody_ros.viewer', *arguments], capture_output=True, text=True
+    )
+    assert run.returncode == 2
+    assert sentence in run.stderr
+
+
+def test_it_binds_to_this_machine_only(show):
+    with socket.socket() as other:
+        # all of 127.0.0.0/8 is this machine, but only 127.0.0.1 is served
+        with pytest.raises(ConnectionRefusedError):
+            other.connect(('127.0.0.2', show.port))

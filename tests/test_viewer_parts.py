@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the viewer makes of messages and descriptors, without a browser."""
+
+from geometry_msgs.msg import Point
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2, PointField
+from shape_msgs.msg import Mesh, MeshTriangle
+
+from softbody_ros import messages, parameters
+from softbody_ros.core import make_surface
+from softbody_ros.viewer import fields, frames
+
+BALL = make_surface('icosphere', 0.5, 3)
+
+
+def cloud(*bodies, frame_id='world'):
+    records = messages.points_array(bodies)
+    return deserialize_message(messages.serialized_cloud(1, frame_id, records), PointCloud2)
+
+
+def surface(vertices=BALL.vertices, faces=BALL.faces):
+    return frames.Surface(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
+
+
+# ----------------------------------------------------------------------------------------- frames
+def test_a_frame_is_what_was_packed():
+    random = np.random.default_rng(0)
+    bodies = [(random.normal(size=(n, 3)), random.uniform(size=n)) for n in (5, 7)]
+    frame = frames.frame(cloud(*bodies, frame_id='map'))
+    assert frame.frame_id == 'map'
+    np.testing.assert_array_equal(
+        frame.positions, np.concatenate([x for x, _ in bodies]).astype(np.float32)
+    )
+    np.testing.assert_array_equal(
+        frame.displacement, np.concatenate([d for _, d in bodies]).astype(np.float32)
+    )
+    assert frame.body.tolist() == [0] * 5 + [1] * 7
+
+
+def test_a_frame_has_any_layout():
+    """A bag may hold clouds that somebody has packed in another way."""
+    kinds = {'body': PointField.UINT32}
+    order = ('body', 'intensity', 'displacement', 'z', 'y', 'x')
+    message = PointCloud2(height=2, width=3, point_step=32, row_step=96)
+    message.fields = [
+        PointField(name=name, offset=4 + 4 * index, count=1, datatype=kinds.get(name, 7))
+        for index, name in enumerate(order)
+    ]
+    data = np.zeros((6, 8), np.float32)
+    data[:, 1:7] = np.arange(36).reshape(6, 6)
+    data[:, 1] = np.arange(6, dtype=np.uint32).view(np.float32)
+    message.data = data.tobytes()
+    frame = frames.frame(message)
+    assert frame.body.tolist() == [0, 1, 2, 3, 4, 5]
+    assert frame.positions[1].tolist() == [11.0, 10.0, 9.0]
+
+
+def test_clouds_of_others_are_refused():
+    bodies = (np.zeros((2, 3)), np.zeros(2))
+    message = cloud(bodies)
+    message.fields = message.fields[:3]
+    with pytest.raises(frames.FrameError, match='it lacks displacement, body'):
+        frames.frame(message)
+    message = cloud(bodies)
+    message.width = 3
+    with pytest.raises(frames.FrameError, match='cut off: 40 bytes for 3 points'):
+        frames.frame(message)
+
+
+def test_a_surface_is_what_was_packed():
+    data = messages.serialized_mesh(BALL.vertices, BALL.faces)
+    read = frames.surface(deserialize_message(data, Mesh))
+    np.testing.assert_array_equal(read.vertices, BALL.vertices)
+    np.testing.assert_array_equal(read.faces, BALL.faces)
+    broken = Mesh(vertices=[Point()], triangles=[MeshTriangle(vertex_indices=[0, 1, 0])])
+    with pytest.raises(frames.FrameError, match='1 vertices, but not number 1'):
+        frames.surface(broken)
+
+
+def test_parts_are_the_colours_however_many_bodies():
+    vertices = np.concatenate([BALL.vertices + [3.0 * index, 0, 0] for index in range(5)])
+    n = len(BALL.vertices)
+    faces = np.concatenate([BALL.faces + n * index for index in range(5)])
+    red, blue = (255, 0, 0, 255), (0, 0, 255, 128)
+    parts = frames.parts(
+        surface(vertices, faces), np.repeat(range(5), n), [red, blue, red, red, blue]
+    )
+    assert [part.color for part in parts] == [red, blue]
+    # the same corners as before, each face once
+    corners = [vertices[part.particles][part.faces] for part in parts]
+    assert [len(part.faces) for part in parts] == [3 * len(BALL.faces), 2 * len(BALL.faces)]
+    np.testing.assert_array_equal(corners[1], vertices[faces[np.repeat([1, 4], len(BALL.faces))
+        * len(BALL.faces) + np.tile(np.arange(len(BALL.faces)), 2)]])  # fmt: skip
+
+
+def test_normals_of_a_ball_point_outwards():
+    ball = surface()
+    np.testing.assert_allclose(ball.normals(ball.vertices), 2.0 * ball.vertices, atol=0.02)
+
+
+def test_heat_runs_from_the_first_colour_to_the_last():
+    colors = frames.heat(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]), 1.0).astype(float)
+    srgb = 255.0 * (1.055 * (colors[:, :3] / 255.0) ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(srgb[[0, 1]], frames.COLORS[[0, 0]], atol=2)
+    np.testing.assert_allclose(srgb[2], frames.COLORS[4], atol=3)
+    np.testing.assert_allclose(srgb[[3, 4]], frames.COLORS[[-1, -1]], atol=2)
+
+
+@pytest.mark.parametrize(
+    ('value', 'rounded'), [(0.0010001, 0.002), (0.3, 0.5), (1.0, 1.0), (9.81, 10.0), (2e6, 2e6)]
+)
+def test_round_up(value, rounded):
+    assert frames.round_up(value) == rounded
+
+
+def test_a_ray_meets_the_near_side_first():
+    ball = surface()
+    hit = frames.first_hit(
+        np.array([0.1, -5.0, 0.2]), np.array([0.0, 2.0, 0.0]), ball.vertices, ball.faces
+    )
+    np.testing.assert_allclose(hit, [0.1, -np.sqrt(0.25 - 0.05), 0.2], atol=5e-3)
+    away = np.array([0.0, -1.0, 0.0])
+    assert frames.first_hit(np.array([0.1, -5.0, 0.2]), away, ball.vertices, ball.faces) is None
+    past = np.array([1.0, 0.0, 0.0])
+    assert frames.first_hit(np.array([-5.0, 0.6, 0.0]), past, ball.vertices, ball.faces) is None
+
+
+# ----------------------------------------------------------------------------------------- fields
+def described():
+    """Return the fields of the default scene and their values."""
+    result = {}
+    for name, facts in parameters.table(parameters.SceneLists()).items():
+        descriptor = messages.descriptor(facts)
+        value = parameters.as_parameter(facts.default, facts)
+        descriptor.name, descriptor.type = name, fields_type(value)
+        if not facts.read_only:
+            result[name] = fields.field(descriptor, value), value
+    return result
+
+
+def fields_type(value):
+    from rclpy.parameter import Parameter
+
+    return Parameter('p', value=value).type_.value
+
+
+def test_every_parameter_has_a_widget_that_gives_its_value_back():
+    kinds = {}
+    for field, value in described().values():
+        back = fields.from_widget(field, fields.to_widget(field, value))
+        assert back == pytest.approx(value, abs=2e-3) if field.kind == 'color' else back == value
+        assert type(back) is type(value)
+        kinds.setdefault(field.kind, field.name)
+    assert set(kinds) == {'slider', 'number', 'choice', 'vector', 'color', 'text'}
+
+
+def test_a_field_says_what_the_descriptor_says():
+    field, _ = described()['ball.mass']
+    assert (field.kind, field.unit, field.minimum, field.maximum) == ('slider', 'kg', 1e-6, 1e6)
+    assert field.hint == 'total, spread over the particles by area (1e-06 … 1e+06 kg)'
+    assert described()['ball.mode'][0].choices == ('rigid', 'linear', 'quadratic')
+
+
+@pytest.mark.parametrize('value', [1e-6, 0.003, 0.5, 1.0, 9.81, 123.0, 1e6])
+def test_a_slider_shows_its_value_and_stays_within_the_range(value):
+    for field, _ in described().values():
+        if field.kind == 'slider' and field.minimum <= value <= field.maximum:
+            low, high, step = fields.slider_range(field, value)
+            assert field.minimum <= low <= value <= high <= field.maximum, field
+            assert step <= (high - low) / 100.0
+
+
+def test_narrow_ranges_are_shown_whole():
+    assert fields.slider_range(described()['ball.stiffness'][0], 0.1)[:2] == (0.0, 1.0)
+
+
+def test_lists_are_typed_with_commas():
+    field, _ = described()['ball.pins.indices']
+    assert fields.from_widget(field, ' [1, 2  3,4]') == [1, 2, 3, 4]
+    assert fields.from_widget(field, '') == []
+    with pytest.raises(fields.FieldError, match="'1, b' is no list of whole numbers"):
+        fields.from_widget(field, '1, b')
+
+
+def test_sections_are_grouped_as_in_the_original_and_hold_every_parameter_once():
+    names = list(described())
+    (gravity, rest), bodies, obstacles = fields.sections(names, ['ball'], ['ground'])
+    assert gravity.names == ('gravity.magnitude', 'gravity.direction')
+    main, velocity, more = bodies['ball']
+    assert [name.removeprefix('ball.') for name in main.names] == [
+        'mass', 'stiffness', 'bounciness', 'friction', 'deformation', 'elasticity', 'mode',
+    ]  # fmt: skip
+    assert velocity.names == ('ball.initial_velocity.linear', 'ball.initial_velocity.angular')
+    for section, first in [(main, 'mass [kg]'), (velocity, 'linear [m/s]')]:
+        assert fields.label(described()[section.names[0]][0], section) == first
+    assert fields.label(described()['poke.radius'][0], rest) == 'poke radius [m]'
+    everything = [gravity, rest, main, velocity, more, *obstacles['ground']]
+    assert sorted(sum((section.names for section in everything), ())) == sorted(names)
