@@ -113,7 +113,7 @@ class _Document:
         node.translation = poses[0].position.tolist()
         node.rotation = list(quaternion(poses[0]))
         self.gltf.nodes.append(node)
-        if not poses[0].moves:
+        if len(poses) == 1 or not poses[0].moves:
             return
         positions = np.array([pose.position for pose in poses], np.float32)
         rotations = np.array([quaternion(pose) for pose in poses], np.float32)

@@ -65,7 +65,8 @@ class UsdWriter:
         try:
             self._stage.Save()
         except Tf.ErrorException as error:
-            raise OSError(f'USD cannot save it: {" ".join(str(error).split())}') from None
+            # a whole list of errors, the first of which is the cause
+            raise OSError(error.args[0].commentary) from None
 
     def _body(self, film: Film, name: str) -> UsdGeom.Mesh:
         mesh = UsdGeom.Mesh.Define(self._stage, f'{ROOT}/bodies/{name}')
