@@ -110,9 +110,9 @@ class Film:
     def plane_reach(self, plane: ObstacleConfig) -> float:
         """Return half the side of the square that stands for an infinite plane, m."""
         reach = 0.0
-        for name in self.world.names:
-            away = self.world.positions(name) - plane.position
-            reach = max(reach, float(np.abs(away).max() + 5.0 * np.ptp(away, axis=0).max()))
+        for body in self.scene.world.bodies:
+            away = np.abs(np.subtract(body.position, plane.position)).max()
+            reach = max(reach, float(away + 10.0 * np.abs(self.surface(body.name).vertices).max()))
         return reach
 
 
