@@ -5,6 +5,7 @@ from glob import glob
 from setuptools import find_packages, setup
 
 package_name = 'softbody_ros'
+BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
 
 setup(
     name=package_name,
@@ -23,8 +24,10 @@ setup(
         ('share/' + package_name + '/config', sorted(glob('config/*'))),
     ],
     # trimesh reads meshes with texture coordinates by way of pillow
-    install_requires=['numpy>=1.26', 'scipy>=1.11', 'trimesh>=4.0', 'pillow'],
+    install_requires=['numpy>=1.26', 'scipy>=1.11', 'trimesh>=4.0', 'pillow', 'pyyaml', 'tqdm'],
     extras_require={
+        # files of the command `bake`: USD and glTF
+        'bake': BAKE,
         # what tests/benchmarks compares with, and draws with
         'bench': ['pypbd>=2.2', 'rapier3d>=0.36', 'matplotlib'],
         'jazzy': [
@@ -40,8 +43,14 @@ setup(
             'setuptools<80',
             # real CAD meshes to load: watertight and not, 5 000 to 70 000 triangles
             'cookie-description==1.2.1',
+            *BAKE,
         ],
     },
-    entry_points={'console_scripts': ['sim_node = softbody_ros.__main__:main']},
+    entry_points={
+        'console_scripts': [
+            'sim_node = softbody_ros.__main__:main',
+            'bake = softbody_ros.bake.__main__:main',
+        ]
+    },
     zip_safe=True,
 )

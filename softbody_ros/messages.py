@@ -19,12 +19,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 import numpy as np
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointField
 from visualization_msgs.msg import Marker
 
 from softbody_ros.cdr import ENCAPSULATION, CdrWriter
 from softbody_ros.core import RigidFit
+from softbody_ros.core.config import Setting
 from softbody_ros.core.obstacles import Obstacle
 
 POINT_FIELDS = (
@@ -285,3 +287,23 @@ def diagnostics(
     message = DiagnosticArray(status=[status])
     message.header.stamp = time_message(stamp)
     return message
+
+
+def descriptor(facts: Setting) -> ParameterDescriptor:
+    """Return the descriptor of a parameter: tools make sliders and tooltips of it."""
+    result = ParameterDescriptor(
+        description=facts.description + (f' [{facts.unit}]' if facts.unit else ''),
+        additional_constraints=facts.range_text,
+        read_only=facts.read_only,
+    )
+    if facts.minimum is None or facts.maximum is None or isinstance(facts.default, tuple):
+        return result
+    if isinstance(facts.default, int):
+        result.integer_range = [
+            IntegerRange(from_value=int(facts.minimum), to_value=int(facts.maximum))
+        ]
+    else:
+        result.floating_point_range = [
+            FloatingPointRange(from_value=float(facts.minimum), to_value=float(facts.maximum))
+        ]
+    return result

@@ -16,9 +16,6 @@ import numbers
 import os
 from typing import Any, TypeVar
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-
 from softbody_ros.core.config import (
     BodyConfig,
     Checked,
@@ -31,6 +28,9 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
+
+FOREIGN_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+"""Of parameters that every node has: they are not of the scene."""
 
 _HasMesh = TypeVar('_HasMesh', BodyConfig, ObstacleConfig)
 
@@ -132,6 +132,36 @@ def scene_lists(values: Mapping[str, Any]) -> SceneLists:
     return SceneLists(**names)
 
 
+def known_values(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """
+    Sort out what a YAML file or a command line gives.
+
+    Returns
+    -------
+    values : dict
+        of the scene, integers promoted; misspelt names of things in it are left to `make_scene`
+    unknown : dict
+        for each name that is nobody's, a clause that helps
+
+    Raises
+    ------
+    ConfigError
+        if `bodies` or `obstacles` is not a list of names.
+
+    """
+    lists = scene_lists(given)
+    known = table(lists)
+    own_prefixes = {'gravity', *lists.bodies, *lists.obstacles}
+    values, unknown = {}, {}
+    for name, value in given.items():
+        first = name.split('.')[0]
+        if name in known or first in own_prefixes:
+            values[name] = promoted(value, known[name]) if name in known else value
+        elif first not in FOREIGN_PREFIXES:
+            unknown[name] = unknown_name(name, list(known))
+    return values, unknown
+
+
 def make_scene(values: Mapping[str, Any]) -> Scene:
     """
     Return the scene that parameter values describe; missing ones have their default.
@@ -192,8 +222,11 @@ def mesh_path(mesh: str) -> str:
         return os.path.expanduser(mesh)
     package, _, path = mesh.removeprefix('package://').partition('/')
     try:
+        # here, not above: what bakes a scene needs no ROS
+        from ament_index_python.packages import get_package_share_directory
+
         return os.path.join(get_package_share_directory(package), path)
-    except (PackageNotFoundError, ValueError, OSError):
+    except (LookupError, ValueError, OSError, ImportError):
         raise ConfigError(
             f'mesh {mesh}: package {package!r} is not installed, or its workspace is not sourced'
         ) from None
@@ -219,26 +252,6 @@ def as_parameter(value: Any, facts: Setting) -> Any:
     if isinstance(value, (tuple, list)):
         return list(value) or ([''] if facts.items is str else [-1])
     return value
-
-
-def descriptor(facts: Setting) -> ParameterDescriptor:
-    """Return the descriptor of a parameter: tools make sliders and tooltips of it."""
-    result = ParameterDescriptor(
-        description=facts.description + (f' [{facts.unit}]' if facts.unit else ''),
-        additional_constraints=facts.range_text,
-        read_only=facts.read_only,
-    )
-    if facts.minimum is None or facts.maximum is None or isinstance(facts.default, tuple):
-        return result
-    if isinstance(facts.default, int):
-        result.integer_range = [
-            IntegerRange(from_value=int(facts.minimum), to_value=int(facts.maximum))
-        ]
-    else:
-        result.floating_point_range = [
-            FloatingPointRange(from_value=float(facts.minimum), to_value=float(facts.maximum))
-        ]
-    return result
 
 
 def type_name(facts: Setting) -> str:

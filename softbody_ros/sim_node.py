@@ -36,7 +36,6 @@ from visualization_msgs.msg import Marker
 
 from softbody_ros import guide, messages, parameters, standard_server
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
-from softbody_ros.core.config import unknown_name
 from softbody_ros.core.gains import damping_ratio, natural_frequency
 from softbody_ros.input_topics import InputTopics
 from softbody_ros.obstacle_markers import LATCHED, ObstacleMarkers
@@ -45,7 +44,6 @@ from softbody_ros.stepping import MEBIBYTE, Stepper
 
 SHORTEST_PERIOD = 0.004
 """Seconds between two looks at the clock, at the least: a look costs rclpy about 0.1 ms."""
-FOREIGN_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 
 class SimNode(Node):
@@ -89,18 +87,9 @@ class SimNode(Node):
         """Return the values from YAML files and the command line that are this node's."""
         # rclpy offers no public way to see overrides of parameters that are not declared
         overrides = {name: item.value for name, item in self._parameter_overrides.items()}
-        lists = parameters.scene_lists(overrides)
-        known = parameters.table(lists)
-        own_prefixes = {'gravity', *lists.bodies, *lists.obstacles}
-        values = {}
-        for name, value in overrides.items():
-            first = name.split('.')[0]
-            if name in known or first in own_prefixes:
-                facts = known.get(name)
-                values[name] = parameters.promoted(value, facts) if facts else value
-            elif first not in FOREIGN_PREFIXES:
-                hint = unknown_name(name, list(known))
-                self.get_logger().warning(f'parameter {name} is unknown and ignored: {hint}')
+        values, unknown = parameters.known_values(overrides)
+        for name, hint in unknown.items():
+            self.get_logger().warning(f'parameter {name} is unknown and ignored: {hint}')
         return values
 
     def _declare_parameters(self) -> None:
@@ -110,7 +99,7 @@ class SimNode(Node):
         for name, facts in self._known.items():
             value = parameters.as_parameter(self._values.get(name, facts.default), facts)
             self._values[name] = value
-            self.declare_parameter(name, value, parameters.descriptor(facts), ignore_override=True)
+            self.declare_parameter(name, value, messages.descriptor(facts), ignore_override=True)
         self.add_pre_set_parameters_callback(self._promote_integers)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._use_parameters)

@@ -19,15 +19,13 @@ from matplotlib.collections import PolyCollection
 import matplotlib.pyplot as plt
 import numpy as np
 import raster
-from test_parameters import flattened
-import trimesh
-import yaml
 
 from softbody_ros import parameters
+from softbody_ros.bake.obstacle_surface import obstacle_surface
 from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
+from softbody_ros.scene_file import read_scene
 
 PICTURES = pathlib.Path(__file__).parent.parent / 'resource'
-GROUND = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
 FLOOR = np.array([0.93, 0.92, 0.9])
 GREY = np.array([0.8, 0.82, 0.86])
 ORANGE = np.array([0.93, 0.48, 0.2])
@@ -110,24 +108,8 @@ def bar(**settings):
 
 def triangles_of(obstacle):
     """Return the corners of an obstacle's triangles, those of a plane far apart."""
-    config = obstacle.config
-    radius, _, half = size = config.size
-    match config.type:
-        case 'plane':
-            surface = trimesh.Trimesh(30.0 * np.array(GROUND), [[0, 1, 2], [0, 2, 3]])
-        case 'box':
-            surface = trimesh.creation.box(2.0 * np.array(size))
-        case 'sphere':
-            surface = trimesh.creation.icosphere(4, radius)
-        case 'capsule':
-            surface = trimesh.creation.capsule(2.0 * max(half - radius, 0.0), radius, [48, 48])
-            surface.apply_translation(-surface.bounds.mean(axis=0))
-        case 'cylinder':
-            surface = trimesh.creation.cylinder(radius, 2.0 * half, 96)
-        case 'mesh':
-            surface = make_surface(config.mesh, radius, config.subdivisions + 1)
-    corners = surface.vertices[surface.faces]
-    return corners @ obstacle.rotation.T + obstacle.position
+    surface = obstacle_surface(obstacle.config, reach=30.0)
+    return surface.vertices[surface.faces] @ obstacle.rotation.T + obstacle.position
 
 
 def moment(scene, world):
@@ -148,8 +130,7 @@ def moment(scene, world):
 
 def story(path, moments):
     """Draw moments of config/contact.yaml: (caption, seconds, angular velocity of the paddle)."""
-    values = yaml.safe_load((PICTURES.parent / 'config' / 'contact.yaml').read_text())
-    scene = parameters.make_scene(dict(flattened(values['/**']['ros__parameters'])))
+    scene = parameters.make_scene(read_scene(str(PICTURES.parent / 'config' / 'contact.yaml')))
     world = World(scene.world)
     columns = 3
     figure, axes = plt.subplots(len(moments) // columns, columns, figsize=(12.4, 5.54), dpi=100)

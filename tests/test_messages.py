@@ -13,7 +13,7 @@ from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from softbody_ros import messages
+from softbody_ros import messages, parameters
 from softbody_ros.core import RigidFit
 
 STAMP = 1_700_000_001_123_456_789
@@ -121,3 +121,14 @@ def test_diagnostics_survive_serialization():
 def test_stamp_is_split_into_seconds_and_nanoseconds(stamp):
     message = messages.time_message(stamp)
     assert message.sec * 1_000_000_000 + message.nanosec == stamp
+
+
+def test_descriptors_carry_ranges_units_and_choices():
+    table = parameters.table(parameters.SceneLists())
+    mass = messages.descriptor(table['ball.mass'])
+    assert '[kg]' in mass.description
+    assert (mass.floating_point_range[0].from_value, mass.read_only) == (1e-6, False)
+    assert messages.descriptor(table['step_count']).integer_range[0].from_value == 1
+    assert messages.descriptor(table['ball.mesh']).read_only
+    mode = messages.descriptor(table['ball.mode'])
+    assert mode.additional_constraints == 'rigid | linear | quadratic'

@@ -6,29 +6,16 @@ import pathlib
 
 import numpy as np
 import pytest
-import yaml
 
 from softbody_ros import parameters
 from softbody_ros.core import ConfigError, World
 from softbody_ros.core.config import checked
 from softbody_ros.parameters import SceneLists
+from softbody_ros.scene_file import read_scene
 
 ROOT = pathlib.Path(__file__).parent.parent
 SCENES = sorted((ROOT / 'config').glob('*.yaml'))
 TABLE = parameters.table(SceneLists())
-
-
-def flattened(tree, prefix=''):
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from flattened(value, f'{prefix}{key}.')
-        else:
-            yield prefix + key, value
-
-
-def scene_values(path):
-    (node,) = yaml.safe_load(path.read_text()).values()
-    return dict(flattened(node['ros__parameters']))
 
 
 def test_every_default_is_valid():
@@ -65,7 +52,7 @@ def test_readme_shows_this_table():
 
 @pytest.mark.parametrize('path', SCENES, ids=lambda path: path.stem)
 def test_shipped_scene_runs(path):
-    scene = parameters.make_scene(scene_values(path))
+    scene = parameters.make_scene(read_scene(str(path)))
     world = World(scene.world)
     world.step(240)
     assert world.tick == 240
@@ -76,7 +63,7 @@ def test_shipped_scene_runs(path):
 
 
 def test_whatever_tumbles_in_the_contact_scene_stays_in_its_tray():
-    world = World(parameters.make_scene(scene_values(ROOT / 'config' / 'contact.yaml')).world)
+    world = World(parameters.make_scene(read_scene(str(ROOT / 'config' / 'contact.yaml'))).world)
     world.step(round(5.0 / world.config.time_step))
     there = {name: world.rigid_fit(name).position for name in world.names}
     guest = there.pop('guest')
@@ -87,7 +74,7 @@ def test_whatever_tumbles_in_the_contact_scene_stays_in_its_tray():
 
 
 def test_default_yaml_lists_every_parameter_with_its_default():
-    values = scene_values(ROOT / 'config' / 'default.yaml')
+    values = read_scene(str(ROOT / 'config' / 'default.yaml'))
     assert sorted(set(TABLE) - set(values)) == ['ground.size']  # unused by a plane
     assert parameters.make_scene(values) == parameters.make_scene({})
 
@@ -152,13 +139,3 @@ def test_integers_become_floats_where_floats_are_meant(name, value, expected):
     assert type(result) is type(expected)
     if isinstance(expected, list):
         assert all(isinstance(item, float) for item in result)
-
-
-def test_descriptors_carry_ranges_units_and_choices():
-    mass = parameters.descriptor(TABLE['ball.mass'])
-    assert '[kg]' in mass.description
-    assert (mass.floating_point_range[0].from_value, mass.read_only) == (1e-6, False)
-    assert parameters.descriptor(TABLE['step_count']).integer_range[0].from_value == 1
-    assert parameters.descriptor(TABLE['ball.mesh']).read_only
-    mode = parameters.descriptor(TABLE['ball.mode'])
-    assert mode.additional_constraints == 'rigid | linear | quadratic'

@@ -205,7 +205,7 @@ def workspace(tmp_path_factory):
     return base
 
 
-def test_colcon_installs_sim_node_where_ros2_run_looks(graph, workspace, monkeypatch):
+def test_colcon_installs_the_commands_where_ros2_run_looks(graph, workspace, monkeypatch):
     prefix = workspace / 'install' / 'softbody_ros'
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
     # as `ros2 run softbody_ros sim_node` does: ament index → lib/<package>/<executable>
@@ -217,6 +217,8 @@ def test_colcon_installs_sim_node_where_ros2_run_looks(graph, workspace, monkeyp
         assert (share / 'config' / name).is_file()
 
     setup = workspace / 'install' / 'setup.bash'
+    bake = ['bash', '-c', f'source {setup} && exec {executable.with_name("bake")} --help']
+    assert 'usage: bake' in subprocess.run(bake, capture_output=True, text=True, check=True).stdout
     command = f'source {setup} && exec {executable} --ros-args --params-file {share}/config/'
     process = subprocess.Popen(
         ['bash', '-c', command + 'several_bodies.yaml'],

@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 
+from conftest import Graph
 from geometry_msgs.msg import PointStamped
 import numpy as np
 from PIL import Image
@@ -21,7 +22,6 @@ from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from visualization_msgs.msg import Marker, MarkerArray
 
-from conftest import Graph
 from softbody_ros.messages import POINT_TYPE
 
 SIM = '/softbody_sim'

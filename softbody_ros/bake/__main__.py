@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The command `bake`, also `python3 -m softbody_ros.bake`: a scene as a film in files."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+import importlib
+import importlib.util
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from softbody_ros.bake.film import Film, Writer
+
+USD = ('softbody_ros.bake.usd', 'UsdWriter', 'pxr', 'usd-core')
+GLTF = ('softbody_ros.bake.gltf', 'GltfWriter', 'pygltflib', 'pygltflib')
+NPZ = ('softbody_ros.bake.npz', 'NpzWriter', 'numpy', 'numpy')
+FORMATS = {'.usdc': USD, '.usda': USD, '.usd': USD, '.glb': GLTF, '.npz': NPZ}
+"""For each suffix: module, writer, the module that it needs, and the package of that."""
+LARGE_GLB = 100e6
+
+DESCRIPTION = """\
+Simulates a scene offline, as fast as it goes, and writes it as a film:
+
+  bake contact.yaml --seconds 5 --fps 60 --output contact.usdc
+  bake contact.yaml -p plum.stiffness:=0.05 -o soft.usdc -o soft.npz
+
+The scene is a parameter file of sim_node; `ros2 param dump /softbody_sim` makes one of what runs.
+"""
+DETAILS = """\
+output:
+  .usdc .usda .usd  USD for Maya, Blender, Houdini, Omniverse, usdview: z up, metres
+  .glb              glTF for the web, a morph target for each frame: y up, metres
+  .npz              NumPy, to the last bit of the simulation
+USD needs usd-core, glTF pygltflib: pip install 'softbody_ros[bake]' has both
+
+Frame k shows the tick of the scene (time_step) that is nearest to the time k / fps. Nothing is
+interpolated: where the ticks do not divide a frame, it is up to half a tick early or late. Time
+is simulated time; time_scale and the rates of topics mean nothing here.
+
+Of a binary USD file only the newest frames are in memory; of .npz all of them, 24 bytes for each
+vertex and frame, of .glb about 60, of .usda 12. A file of the same name is replaced when the new
+one is whole; after Ctrl-C it is as it was.
+"""
+
+
+class Refusal(Exception):  # noqa: N818
+    """What was asked for cannot be; with one sentence."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Bake as the command line says; return 0, 1 with one sentence, or 128 + signal."""
+    # nothing is written yet: what is asked to end may just end, without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    options = _parser().parse_args(arguments)
+    from softbody_ros.core import ConfigError, MeshError, SimulationError
+
+    try:
+        return _run(options)
+    except (Refusal, ConfigError, MeshError, SimulationError) as error:
+        reason = str(error)
+    except OSError as error:
+        reason = f'the film cannot be written: {error.strerror or error}'
+    except MemoryError:
+        reason = 'the film does not fit into memory: take fewer frames or coarser meshes'
+    print('bake:', reason, file=sys.stderr)
+    return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='bake',
+        description=DESCRIPTION,
+        epilog=DETAILS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('scene', metavar='SCENE.yaml', help='parameter file of sim_node')
+    parser.add_argument(
+        '--seconds', type=float, default=5.0, help='length in simulated time (default: 5)'
+    )
+    parser.add_argument(
+        '--fps', type=float, default=60.0, help='frames a simulated second (default: 60)'
+    )
+    parser.add_argument(
+        '-o', '--output', metavar='FILE', action='append', type=Path, default=[],
+        help='may be given several times (default: the name of the scene, here, as .usdc if '
+        'usd-core is installed, else as .npz)',
+    )  # fmt: skip
+    parser.add_argument(
+        '-p', '--param', metavar='NAME:=VALUE', action='append', default=[],
+        help='another value of a parameter, as for sim_node; may be given several times',
+    )  # fmt: skip
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    outputs = options.output or [_default_output(options.scene)]
+    writers = [_writer(path) for path in outputs]
+    film = _film(options)
+    for path in outputs:
+        _warn_if_large(path, film)
+    signals: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        if signals:
+            raise SystemExit(128 + number)
+        signals.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, note)
+    begin = time.perf_counter()
+    _write(film, writers, outputs, signals)
+    _report(film, outputs, time.perf_counter() - begin)
+    return 0
+
+
+def _default_output(scene: str) -> Path:
+    has_usd = importlib.util.find_spec('pxr') is not None
+    return Path(Path(scene).stem + ('.usdc' if has_usd else '.npz'))
+
+
+def _writer(path: Path) -> Any:
+    """Return the class that writes such a file."""
+    if path.suffix not in FORMATS:
+        raise Refusal(
+            f'the output {path} has an unknown suffix: end it with one of {", ".join(FORMATS)}'
+        )
+    if not path.parent.is_dir():
+        raise Refusal(f'the folder of the output {path} does not exist: create {path.parent}')
+    if path.is_dir():
+        raise Refusal(f'the output {path} is a folder: give the name of a file')
+    if not os.access(path.parent, os.W_OK):
+        raise Refusal(f'the folder of the output {path} cannot be written to')
+    module, writer, needed, package = FORMATS[path.suffix]
+    if importlib.util.find_spec(needed) is None:
+        raise Refusal(
+            f'{path.suffix} needs {package}, which is not installed: pip install {package} '
+            "(or 'softbody_ros[bake]' for all formats), or bake an .npz"
+        )
+    return getattr(importlib.import_module(module), writer)
+
+
+def _film(options: argparse.Namespace) -> Film:
+    from softbody_ros import parameters
+    from softbody_ros.bake.film import Film
+    from softbody_ros.scene_file import read_scene
+
+    values, unknown = parameters.known_values(read_scene(options.scene, options.param))
+    for name, hint in unknown.items():
+        print(f'bake: parameter {name} is unknown and ignored: {hint}', file=sys.stderr)
+    return Film(parameters.make_scene(values), options.seconds, options.fps)
+
+
+def _warn_if_large(path: Path, film: Film) -> None:
+    if path.suffix != '.glb':
+        return
+    from softbody_ros.bake.gltf import size
+
+    if size(film) > LARGE_GLB:
+        print(
+            f'bake: {path} will have {size(film) / 1e6:.0f} MB, which viewers load slowly: take '
+            'fewer frames, or .usdc',
+            file=sys.stderr,
+        )
+
+
+def _write(film: Film, kinds: list[Any], outputs: list[Path], signals: list[int]) -> None:
+    from tqdm import tqdm
+
+    from softbody_ros.bake.whole_file import whole_file
+
+    def stop_if_asked() -> None:
+        if signals:
+            raise SystemExit(128 + signals[0])
+
+    with ExitStack() as stack:
+        writers: list[Writer] = [
+            kind(stack.enter_context(whole_file(path)), film)
+            for kind, path in zip(kinds, outputs, strict=True)
+        ]
+        # disable=None: no bar where nobody looks
+        for frame in tqdm(
+            film.frames(), total=len(film.times), unit='frame', disable=None, leave=False
+        ):
+            for writer in writers:
+                writer.add(frame)
+            stop_if_asked()
+        for writer in writers:
+            writer.finish()
+            stop_if_asked()
+
+
+def _report(film: Film, outputs: list[Path], took: float) -> None:
+    for path in outputs:
+        print(
+            f'{path}: {len(film.times)} frames, {film.seconds:g} s at {film.fps:g} fps, '
+            f'{path.stat().st_size / 1e6:.1f} MB'
+        )
+    print(f'baked in {took:.1f} s, {film.seconds / took:.1f} × real time')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

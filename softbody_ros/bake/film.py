@@ -1,0 +1,142 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A film: the world of a scene, looked at so many times a simulated second."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from softbody_ros.core import ConfigError, ObstacleConfig, Surface, World
+from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.parameters import Scene
+
+LONGEST = 86400.0
+"""Seconds."""
+OBSTACLE_COLOR = (0.8, 0.82, 0.86, 1.0)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """
+    The world at one tick.
+
+    Attributes
+    ----------
+    index : int
+        from 0
+    positions : dict of (n, 3) float
+        of the vertices of each body, m
+    obstacles : dict of Obstacle
+
+    """
+
+    index: int
+    positions: dict[str, np.ndarray]
+    obstacles: dict[str, Obstacle]
+
+
+@dataclass(frozen=True)
+class Film:
+    """
+    Frame k shows the tick nearest to the time k / fps: nothing is interpolated.
+
+    The first frame is the start, the last one at `seconds`.
+
+    Raises
+    ------
+    ConfigError
+        if there are no ticks for so many frames, or the film is too long.
+    MeshError
+        if a mesh of the scene cannot be used.
+
+    """
+
+    scene: Scene
+    seconds: float
+    fps: float
+    world: World = field(init=False)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.seconds <= LONGEST:
+            raise ConfigError(f'seconds is {self.seconds:g}: it must be from 0 to {LONGEST:g}')
+        # those of a step of 1/240 s are a hair fewer than 240
+        ticks = round(1.0 / self.scene.world.time_step, 6)
+        if not 0.0 < self.fps <= ticks:
+            raise ConfigError(
+                f'fps is {self.fps:g}: it must be above 0 and at most {ticks:g}, the ticks of the '
+                'scene in a second; for more give a smaller time_step'
+            )
+        object.__setattr__(self, 'world', World(self.scene.world))
+
+    @property
+    def times(self) -> np.ndarray:
+        """(frames,) float: s."""
+        return np.arange(round(self.seconds * self.fps) + 1) / self.fps
+
+    @property
+    def ticks(self) -> np.ndarray:
+        """(frames,) int: the tick that each frame shows."""
+        return np.rint(self.times / self.scene.world.time_step).astype(np.int64)
+
+    def surface(self, body: str) -> Surface:
+        """Return the surface of a body; its faces are those of every frame."""
+        return self.world.rest_shape(body).surface
+
+    def color(self, body: str) -> tuple[float, ...]:
+        """Return red, green, blue and alpha as in the scene: for the screen, not linear."""
+        return self.scene.appearances[body].color
+
+    def frames(self) -> Iterator[Frame]:
+        """
+        Yield the frames in order while the world is stepped.
+
+        Raises
+        ------
+        SimulationError
+            if a number would not be finite.
+
+        """
+        world = self.world
+        for index, tick in enumerate(self.ticks.tolist()):
+            world.step(tick - world.tick)
+            positions = {name: world.positions(name) for name in world.names}
+            yield Frame(index, positions, {item.config.name: item for item in world.obstacles})
+
+    def plane_reach(self, plane: ObstacleConfig) -> float:
+        """Return half the side of the square that stands for an infinite plane, m."""
+        reach = 0.0
+        for body in self.scene.world.bodies:
+            away = np.abs(np.subtract(body.position, plane.position)).max()
+            reach = max(reach, float(away + 10.0 * np.abs(self.surface(body.name).vertices).max()))
+        return reach
+
+
+class Writer(Protocol):
+    """Takes the frames of one film in order, then ends its file."""
+
+    def add(self, frame: Frame) -> None:
+        """Take a frame."""
+
+    def finish(self) -> None:
+        """Write what is left."""
+
+
+def linear(color: tuple[float, ...]) -> tuple[float, ...]:
+    """
+    Return red, green and blue, linear in light, and the same alpha.
+
+    The colours of ROS are those of the screen (sRGB); USD and glTF have linear ones, and would
+    show them paler. IEC 61966-2-1.
+    """
+    rgb = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
+    return (*rgb, color[3])
+
+
+def quaternion(obstacle: Obstacle) -> tuple[float, ...]:
+    """Return the orientation of an obstacle, x y z w."""
+    return tuple(Rotation.from_matrix(obstacle.rotation).as_quat().tolist())

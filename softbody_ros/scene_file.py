@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The scene in a parameter file and `-p` arguments, read as rcl reads them, without ROS.
+
+PyYAML splits the text into nodes; what their scalars mean is up to rcl, not to YAML: `1e-3` is a
+number, `~` a text, `010` is eight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import re
+from typing import Any
+
+import yaml
+
+from softbody_ros.core.config import ConfigError
+
+NODE, EVERY_NODE = '/softbody_sim', '/**'
+PARAMETERS = 'ros__parameters'
+YES = frozenset(['Y', 'y', 'yes', 'Yes', 'YES', 'true', 'True', 'TRUE', 'on', 'On', 'ON'])
+NO = frozenset(['N', 'n', 'no', 'No', 'NO', 'false', 'False', 'FALSE', 'off', 'Off', 'OFF'])
+OCTAL = re.compile('[+-]?0[0-7]*')
+WHOLE = re.compile(f'{OCTAL.pattern}|[+-]?(0[xX][0-9a-fA-F]+|[1-9][0-9]*)')
+DECIMAL = re.compile(
+    r'[+-]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|\.?(nan|NaN|NAN|inf|Inf|INF))'
+)
+
+
+def read_scene(path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
+    """
+    Return the values that the node would get from `--params-file path -p assignment ...`.
+
+    Parameters
+    ----------
+    path : str
+        of a YAML file
+    assignments : sequence of str
+        each `name:=value`, as if they came last in the section /** of the file
+
+    Returns
+    -------
+    dict
+        dotted names and bool, int, float, str or lists of them; None for an empty list
+
+    Raises
+    ------
+    ConfigError
+        if there is no such file or rcl would not take it; with one sentence.
+
+    """
+    try:
+        with open(path, encoding='utf-8') as file:
+            text = file.read()
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'it is not UTF-8 text'
+        raise ConfigError(f'scene {path} cannot be read: {reason}') from None
+    sections: dict[str, dict[str, Any]] = {}
+    root = _composed(text, f'scene {path}')
+    if root is not None:
+        for section, parameters in _sections(root, (), path):
+            sections.setdefault(section, {}).update(_flattened(parameters, '', path))
+    # so does rcl: a section for the node by its name, after this one, outdoes the command line
+    sections.setdefault(EVERY_NODE, {}).update(_assigned(each) for each in assignments)
+    values: dict[str, Any] = {}
+    for section, part in sections.items():
+        if _means_the_node(section):
+            values |= part
+    return values
+
+
+def _composed(text: str, what: str) -> yaml.Node | None:
+    try:
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
+            raise ConfigError(f'{what} has an alias (*), which ROS does not take: write it out')
+        return yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        raise ConfigError(f'{what} is not YAML: {" ".join(str(error).split())}') from None
+
+
+def _sections(
+    node: yaml.Node, names: tuple[str, ...], path: str
+) -> Iterator[tuple[str, yaml.MappingNode]]:
+    """Yield the name of each node of the file, wildcards included, and its parameters."""
+    if not isinstance(node, yaml.MappingNode):
+        raise ConfigError(
+            f'scene {path}, line {_line(node)}: parameters stand below the name of a node and '
+            f'{PARAMETERS}, for example /**: {{{PARAMETERS}: {{bodies: [ball]}}}}'
+        )
+    for name, value in _entries(node, path):
+        if name != PARAMETERS:
+            yield from _sections(value, (*names, name), path)
+        elif isinstance(value, yaml.MappingNode):
+            yield '/'.join(names), value
+        else:
+            raise ConfigError(f'scene {path}, line {_line(node)}: {PARAMETERS} is not a map')
+
+
+def _means_the_node(section: str) -> bool:
+    """Return whether the name of a section, with * for one token and ** for any, fits."""
+    wild = {'/**': r'(/\w+)*', '/*': r'/\w+'}
+    pattern = re.sub(r'/\*\*?', lambda found: wild[found[0]], '/' + section.lstrip('/'))
+    return re.fullmatch(pattern, NODE) is not None
+
+
+def _flattened(parameters: yaml.MappingNode, prefix: str, path: str) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, value in _entries(parameters, path):
+        if isinstance(value, yaml.MappingNode):
+            values |= _flattened(value, f'{prefix}{name}.', path)
+        else:
+            what = f'scene {path}, line {_line(value)}: {prefix}{name}'
+            values[prefix + name] = _value(value, what)
+    return values
+
+
+def _entries(node: yaml.MappingNode, path: str) -> Iterator[tuple[str, yaml.Node]]:
+    for key, value in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            raise ConfigError(f'scene {path}, line {_line(key)}: a name must be a text')
+        yield key.value, value
+
+
+def _assigned(assignment: str) -> tuple[str, Any]:
+    name, sign, text = assignment.partition(':=')
+    if not (name and sign):
+        raise ConfigError(f'-p {assignment} is not NAME:=VALUE, such as ball.stiffness:=0.1')
+    node = _composed(text, f'-p {assignment}')
+    if node is None or isinstance(node, yaml.MappingNode):
+        raise ConfigError(f'-p {assignment} has no value: give a number, a text or a list')
+    return name, _value(node, f'-p {assignment}: {name}')
+
+
+def _value(node: yaml.Node, what: str) -> Any:
+    if isinstance(node, yaml.ScalarNode):
+        return _scalar(node, what)
+    items = [
+        _scalar(item, what) if isinstance(item, yaml.ScalarNode) else None for item in node.value
+    ]
+    if len({type(item) for item in items}) > 1 or None in items:
+        raise ConfigError(f'{what} must be a list of one type, as ROS wants it: 0.0 beside 1.5')
+    return items or None
+
+
+def _scalar(node: yaml.ScalarNode, what: str) -> bool | int | float | str:
+    """Return what rcl takes a scalar for: get_value in rcl_yaml_param_parser/src/parse.c."""
+    text = str(node.value)
+    if node.style in ('"', "'"):
+        return text
+    if not text:
+        raise ConfigError(f'{what} has no value')
+    if text in YES | NO:
+        return text in YES
+    if WHOLE.fullmatch(text):
+        whole = int(text, 8 if OCTAL.fullmatch(text) else 0)
+        return whole if abs(whole) < 2**63 else float(whole)
+    if DECIMAL.fullmatch(text):
+        return float(re.sub(r'\.(?=[a-zA-Z])', '', text))
+    return text
+
+
+def _line(node: yaml.Node) -> int:
+    return int(node.start_mark.line) + 1
