@@ -249,6 +249,8 @@ def test_a_click_on_a_body_pokes_it_there(show):
     show.says('paused')
 
     def click():
+        for close in show.page.locator('.mantine-Notification-closeButton').all():
+            close.click()
         rows, columns = np.nonzero(show.orange())
         show.page.mouse.click(columns.mean(), rows.mean())
 
