@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 import importlib.util
 from pathlib import Path
+import shutil
 import sys
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -93,23 +94,32 @@ def where_to_look(
             f'  see it    {_ways_to_see(node)}',
             f'  use it    {topics[0]} (PointCloud2), {topics[1]} (Marker)',
             f'  steer it  ros2 param set {node} {first}.stiffness 0.1',
-            '  learn     sim_node --help',
+            f'  learn     {_command("sim_node")} --help',
         ]
     )
 
 
 def _ways_to_see(node: str) -> str:
-    command = 'viewer'
-    if Path(sys.argv[0]).parent.name == PACKAGE and Path(sys.argv[0]).name == 'sim_node':
-        command = f'ros2 run {PACKAGE} viewer'
+    command = _command('viewer')
     if importlib.util.find_spec('viser') is None:
-        web = f"`{command}` in a browser, after pip install '.[viewer]'"
+        web = f"`{command}` in a browser, after {_command('pip')} install '.[viewer]'"
     else:
         web = f'`{command}` opens http://127.0.0.1:8080'
     if node != NODE:
         # the layout of RViz has the topics of the node's usual name
         return web.replace(command, f'{command} --node {node}')
     return f'{web}; or rviz2 -d {config_folder() / "softbody.rviz"}'
+
+
+def _command(name: str) -> str:
+    """Return how to call a command that is installed like this one."""
+    own = Path(sys.argv[0])
+    if own.name != 'sim_node':
+        return name
+    if own.parent.name == PACKAGE:  # in a workspace
+        return name if name == 'pip' else f'ros2 run {PACKAGE} {name}'
+    found = shutil.which(own.name)
+    return name if found and own.samefile(found) else str(own.with_name(name))
 
 
 def config_folder() -> Path:

@@ -67,12 +67,12 @@ class ObstacleMarkers:
         """
         if self._stepper.replaying or not self._publisher.get_subscription_count():
             return
+        due, self._newcomers = due or self._newcomers, False
         there, shown = self._stepper.world.obstacles, self._shown
-        same = len(there) == len(shown) and all(map(operator.is_, there, shown.values()))
-        if same and not self._newcomers:
+        if len(there) == len(shown) and all(map(operator.is_, there, shown.values())):
             return
         present = self._present()
-        if self._newcomers or present.keys() != shown.keys():
+        if present.keys() != shown.keys():
             self._publish(present)
             return
         pairs = [(obstacle, shown[key]) for key, obstacle in present.items()]
@@ -93,7 +93,7 @@ class ObstacleMarkers:
     def _publish(self, shown: Shown) -> None:
         world = self._stepper.world
         names = {config.name for config in world.config.obstacles}
-        self._shown, self._newcomers = shown, False
+        self._shown = shown
         self._publisher.publish(
             messages.serialized_obstacles(
                 self._stepper.time_of(world.tick),
@@ -106,7 +106,7 @@ class ObstacleMarkers:
         )
 
     def _welcome(self, info: QoSPublisherMatchedInfo) -> None:
-        """Let the next look publish, also for those who do not ask for what is latched."""
+        """Let the next look publish what has moved on while nobody was there."""
         if info.current_count_change > 0:
             self._newcomers = True
 

@@ -89,3 +89,25 @@ def test_the_viewer_is_offered_or_how_to_get_it(monkeypatch, installed):
     said = guide.where_to_look(SIM, '/clock', {'ball': 3}, ('/a', '/b'))
     assert ('http://127.0.0.1:8080' in said) == installed
     assert ("pip install '.[viewer]'" in said) == (not installed)
+
+
+@pytest.mark.parametrize(
+    ('folder', 'on_path', 'viewer', 'pip'),
+    [
+        ('.venv/bin', False, '{}/viewer', '{}/pip'),
+        ('.venv/bin', True, 'viewer', 'pip'),
+        ('install/softbody_ros/lib/softbody_ros', False, 'ros2 run softbody_ros viewer', 'pip'),
+    ],
+)
+def test_commands_are_said_as_they_must_be_typed(
+    monkeypatch, tmp_path, folder, on_path, viewer, pip
+):
+    script = tmp_path / folder / 'sim_node'
+    script.parent.mkdir(parents=True)
+    script.touch(mode=0o755)
+    monkeypatch.setattr(guide.sys, 'argv', [str(script)])
+    monkeypatch.setenv('PATH', str(script.parent if on_path else tmp_path))
+    monkeypatch.setattr(guide.importlib.util, 'find_spec', lambda name: None)
+    said = guide.where_to_look(SIM, '/clock', {'ball': 3}, ('/a', '/b'))
+    assert f'`{viewer.format(script.parent)}` in a browser' in said
+    assert f"after {pip.format(script.parent)} install '.[viewer]'" in said

@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the README says is so: its programs run, its equations are those of a tick, its advice."""
+
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import PointCloud2
+
+from softbody_ros import parameters
+from softbody_ros.core import BodyConfig, World, WorldConfig
+from softbody_ros.core.gains import damping_ratio, natural_frequency, oscillator_gains
+from softbody_ros.core.rotations import rotation
+
+README = (pathlib.Path(__file__).parent.parent / 'README.md').read_text()
+SIM = '/softbody_sim'
+SMALL = {'ball__subdivisions': 1}
+
+
+@pytest.fixture
+def program(graph, tmp_path):
+    """Start the README's program of a name as a process; return the file that it prints to."""
+    started = []
+
+    def start(name):
+        (code,) = re.findall(rf'```python\n(# {name}: .*?)```', README, re.S)
+        printed = tmp_path / name
+        process = subprocess.Popen(
+            [sys.executable, '-c', code], env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)},
+            stdout=printed.open('w'), stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        started.append(process)
+        return printed
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def test_the_subscriber_sees_the_ball_fall(graph, program):
+    printed = program('subscribe')
+    graph.sim_node(**SMALL)
+    line = re.compile(r'42 vertices, the lowest at (\S+) m, the most displaced by (\S+) m')
+    seen = graph.spin_until(
+        lambda: [found for found in line.findall(printed.read_text()) if float(found[1]) > 0.02],
+        'a deformed ball',
+    )
+    lowest = [float(height) for height, _ in line.findall(printed.read_text())]
+    assert lowest[0] > float(seen[0][0]) > -1e-3
+
+
+def test_the_clock_drives_the_node(graph, program):
+    sim = graph.sim_node(**SMALL, use_sim_time=True)
+    clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    program('clock')
+    graph.spin_until(lambda: sim._world.tick > 48)
+    graph.spin_until(lambda: clouds and clouds[-1].header.stamp.nanosec > 200_000_000)
+    assert clouds[-1].header.stamp.sec == 0
+
+
+# --------------------------------------------------------------------------------------- equations
+def test_a_tick_is_predict_match_correct():
+    config = BodyConfig(name='ball', mode='linear', volume_conservation=0.0, subdivisions=2,
+                        initial_velocity_angular=(1.0, 2.0, 3.0))  # fmt: skip
+    world = World(WorldConfig(bodies=(config,), obstacles=()))
+    stretch = np.array([[1.05, 0.02, 0.0], [0.0, 0.97, 0.01], [0.005, 0.0, 1.02]])
+    state = world._batches[0].x
+    state[:] = stretch @ state
+    x, v, h, a = world.positions('ball'), world.velocities('ball'), 1 / 240, world.gravity
+    rest = world.rest_shape('ball')
+    w, q = rest.weights, rest.surface.vertices - rest.weights @ rest.surface.vertices
+    world.step()
+
+    predicted = x + h * v + 0.5 * h**2 * a
+    c = w @ predicted
+    moment = (w * (predicted - c).T) @ q
+    R, A = rotation(moment), moment @ np.linalg.inv((w * q.T) @ q)
+    s = oscillator_gains(0.5, 0.5, h, 1 / 120)[0]
+    beta = 1.0 - oscillator_gains((1.0 - 0.5) * 0.5, 0.5, h, 1 / 120)[0] / s
+    goal = c + q @ (beta * A + (1.0 - beta) * R).T
+    expected = predicted + s * (goal - predicted)
+    np.testing.assert_allclose(world.positions('ball'), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240, 1e-3])
+def test_the_pull_samples_a_damped_oscillator(h):
+    omega, zeta = natural_frequency(0.5, 1 / 120), damping_ratio(0.5)
+    s, k = oscillator_gains(0.5, 0.5, h, 1 / 120)
+    tick = np.array([[1.0 - s, 1.0 - s], [-k, 1.0 - k]])  # of the distance and h · velocity
+    expected = np.exp(omega * h * (-zeta + np.sqrt(1.0 - zeta**2) * np.array([1j, -1j])))
+    np.testing.assert_allclose(sorted(np.linalg.eigvals(tick), key=np.imag),
+                               sorted(expected, key=np.imag), rtol=1e-9)  # fmt: skip
+    assert omega / (2.0 * np.pi) == pytest.approx(13.8, abs=0.05)
+    followed = natural_frequency(0.25, 1 / 120)
+    assert followed / (2.0 * np.pi) == pytest.approx(9.7, abs=0.06)
+
+
+# --------------------------------------------------------------------------------------- the table
+def drop(**values):
+    """Return the largest dent, % RMS of the radius, and how high the ball jumps, cm."""
+    gravity = {key: values.pop(key) for key in list(values) if key.startswith('gravity')}
+    ball = BodyConfig(name='ball', subdivisions=2, **values)
+    world = World(WorldConfig(bodies=(ball,), **gravity))
+    dents, lowest = [], []
+    while world.time < (2.0 if not gravity else 1.5):
+        world.step(2)
+        lowest.append(world.positions('ball')[:, 2].min())
+        dents.append(np.sqrt(np.mean(world.rigid_fit('ball').displacement ** 2)) / 0.5)
+    hit = int(np.argmax(np.array(lowest) < 1e-3))
+    return 100.0 * max(dents), 100.0 * max(lowest[hit:])
+
+
+@pytest.mark.parametrize(
+    ('name', 'values', 'dent', 'jump'),
+    [
+        ('stiffness', (0.1, 0.5, 1.0), -1, +1),
+        ('bounciness', (0.0, 0.5, 0.8), +1, +1),
+        ('deformation', (0.0, 0.5, 0.75), +1, -1),
+        ('elasticity', (0.0, 0.3, 1.0), 0, +1),
+        ('damping', (0.0, 0.2, 0.5), -1, -1),
+        ('mass', (0.5, 1.0, 10.0), 0, 0),
+        ('gravity_magnitude', (9.81, 20.0), +1, -1),
+        ('mode', ('rigid', 'linear', 'quadratic'), +1, None),
+    ],
+)
+def test_turning_a_parameter_up_does_what_the_table_says(name, values, dent, jump):
+    dents, jumps = zip(*(drop(**{name: value}) for value in values), strict=True)
+    for measured, direction in [(dents, dent), (jumps, jump)]:
+        if direction == 0:
+            assert len(set(measured)) == 1
+        elif direction is not None:
+            assert (direction * np.diff(measured) > 0.0).all(), measured
+
+
+def test_the_table_has_every_live_parameter_of_the_physics():
+    table = README.split('## How each parameter feels')[1].split('\n## ')[0]
+    start = ('position', 'orientation', 'initial_velocity', 'color')
+    for name, facts in parameters.table(parameters.SceneLists()).items():
+        first, _, own = name.partition('.')
+        if facts.read_only or first not in ('ball', 'gravity') or own.startswith(start):
+            continue
+        group = name.rpartition('.')[0]
+        assert f'`{name}`' in table or f'`{group}`' in table or f'`.{own.split(".")[-1]}`' in table
+    assert '`time_scale`' in table
