@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 package_name = 'softbody_ros'
 BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
+VIEWER = ['viser>=1.1']
 
 setup(
     name=package_name,
@@ -44,12 +45,18 @@ setup(
             # real CAD meshes to load: watertight and not, 5 000 to 70 000 triangles
             'cookie-description==1.2.1',
             *BAKE,
+            *VIEWER,
+            # drives Chromium, which is not a Python package: apt-get install chromium
+            'playwright',
         ],
+        # the page of the command `viewer`
+        'viewer': VIEWER,
     },
     entry_points={
         'console_scripts': [
             'sim_node = softbody_ros.__main__:main',
             'bake = softbody_ros.bake.__main__:main',
+            'viewer = softbody_ros.viewer.__main__:main',
         ]
     },
     zip_safe=True,

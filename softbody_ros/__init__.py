@@ -13,6 +13,8 @@ Where to find what, from the physics up to the command:
 * `inputs`: messages to what the core wants, or one sentence that says why not.
 * `sim_node`: the node, which wires all of these together; `input_topics`, `obstacle_markers`,
   `standard_services` and `standard_server` are parts of it.
+* `viewer`: the command that shows a running node in a web page; `bake`: the one that writes films,
+  without ROS.
 * `guide`: what `sim_node --help` prints, and what the node says when it starts.
 
 The core knows none of the others, and none of them but `__main__` knows the node.

@@ -16,10 +16,11 @@ PACKAGE, NODE = 'softbody_ros', '/softbody_sim'
 MOST_BODIES = 4
 """Bodies that are named at the start; of more only the number is said."""
 
-HELP = """usage: sim_node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
+HELP = """\
+usage: sim_node [--viewer] [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
 
 Simulates soft bodies and publishes them, live: without arguments a ball that drops on a plane.
-Stop it with Ctrl-C.
+With --viewer also runs `viewer`, a web page that shows and steers them. Stop it with Ctrl-C.
 
 scenes, in {config}:
   {scenes}
@@ -101,6 +102,8 @@ def where_to_look(
 
 def _ways_to_see(node: str) -> str:
     command = _command('viewer')
+    if '--viewer' in sys.argv[1:]:
+        return 'in a browser, where the viewer says'
     if importlib.util.find_spec('viser') is None:
         web = f"`{command}` in a browser, after {_command('pip')} install '.[viewer]'"
     else:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache
 import sys
@@ -41,6 +42,7 @@ from softbody_ros.input_topics import InputTopics
 from softbody_ros.obstacle_markers import LATCHED, ObstacleMarkers
 from softbody_ros.standard_services import Simulation
 from softbody_ros.stepping import MEBIBYTE, Stepper
+from softbody_ros.viewer.process import viewer_of
 
 SHORTEST_PERIOD = 0.004
 """Seconds between two looks at the clock, at the least: a look costs rclpy about 0.1 ms."""
@@ -483,10 +485,12 @@ def run(stop: threading.Event) -> int:
         rclpy.try_shutdown()
         print('softbody_sim:', ' '.join(str(error).split()), file=sys.stderr)
         return 1
-    try:
-        _spin(node, stop)
-    finally:
-        rclpy.try_shutdown()
+    name = node.get_fully_qualified_name()
+    with viewer_of(name) if '--viewer' in sys.argv[1:] else nullcontext():
+        try:
+            _spin(node, stop)
+        finally:
+            rclpy.try_shutdown()
     return 0
 
 

@@ -10,6 +10,8 @@ import signal
 import socket
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 
 from conftest import Graph
 from geometry_msgs.msg import PointStamped
@@ -288,7 +290,7 @@ def test_a_node_that_goes_is_missed_and_one_that_comes_is_shown(show):
 def test_messages_alone_are_shown_as_of_a_bag(show, browser, graph):
     """What was recorded of a node is played under another name, where nobody answers."""
     show.page.goto('about:blank')  # one view at a time is work enough
-    graph.process('--ros-args', '-p', 'points_rate:=20.0')
+    recorded = graph.process('--ros-args', '-p', 'points_rate:=20.0')
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
     meshes = graph.collect(Mesh, f'{SIM}/rest_mesh', LATCHED)
     graph.spin_until(lambda: len(clouds) > 5 and meshes)
@@ -296,14 +298,16 @@ def test_messages_alone_are_shown_as_of_a_bag(show, browser, graph):
     assert f'open http://127.0.0.1:{tape.port} in a browser' in tape.greeting
     tape.says('Waiting for /tape')
     tape.says('viewer --node /softbody_sim')  # what else there is
+    recorded.kill()
     mesh = graph.node.create_publisher(Mesh, '/tape/rest_mesh', LATCHED)
     points = graph.node.create_publisher(PointCloud2, '/tape/points', 10)
     mesh.publish(meshes[0])
-    graph.node.create_timer(0.05, lambda: points.publish(clouds[0]))
-    graph.spin_until(
-        lambda: 'a recording: nothing to steer' in tape.page.locator('body').inner_text()
-    )
-    graph.spin_until(lambda: tape.height(), 'the ball')
+
+    def plays_until(condition):
+        graph.spin_until(lambda: points.publish(clouds[0]) or condition())
+
+    plays_until(lambda: 'a recording: nothing to steer' in tape.page.inner_text('body'))
+    plays_until(lambda: tape.height())
     expect(button(tape, 'Reset')).to_be_disabled()
     tape.page.close()
     tape.viewer.send_signal(signal.SIGINT)
@@ -328,3 +332,19 @@ def test_wrong_arguments_are_refused_in_one_sentence(arguments, sentence):
     )
     assert run.returncode == 2
     assert sentence in run.stderr
+
+
+def test_the_node_brings_its_viewer_along(graph):
+    node = graph.process('--viewer')
+    lines = iter(node.stderr.readline, '')
+    address = next(
+        filter(None, (re.search(r'open (http://127\.0\.0\.1:\d+)', line) for line in lines))
+    )
+    with urllib.request.urlopen(address[1]) as page:
+        assert page.status == 200
+    node.send_signal(signal.SIGINT)
+    _, errors = node.communicate(timeout=30)  # until both have closed it
+    assert node.returncode == 0, errors
+    assert 'Traceback' not in errors
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(address[1])

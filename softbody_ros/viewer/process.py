@@ -1,0 +1,25 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The viewer as a process beside a node: `sim_node --viewer`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import signal
+import subprocess
+import sys
+
+
+@contextlib.contextmanager
+def viewer_of(node: str) -> Iterator[None]:
+    """Have a viewer of the node of this name, until the end of the block."""
+    process = subprocess.Popen([sys.executable, '-m', 'softbody_ros.viewer', '--node', node])
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
