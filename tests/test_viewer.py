@@ -5,7 +5,6 @@
 import io
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -13,11 +12,12 @@ import sys
 import urllib.error
 import urllib.request
 
+import browser as browser_of_tests
 from conftest import Graph
 from geometry_msgs.msg import PointStamped
 import numpy as np
 from PIL import Image
-from playwright.sync_api import expect, sync_playwright
+from playwright.sync_api import expect
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
@@ -28,33 +28,18 @@ from softbody_ros.messages import POINT_TYPE
 
 SIM = '/softbody_sim'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
-# without a GPU; and a browser that calls nobody
-BROWSER_ARGUMENTS = [
-    '--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
-    '--disable-background-networking', '--disable-component-update', '--disable-sync',
-]  # fmt: skip
 VIEW = {'x': 0, 'y': 0, 'width': 400, 'height': 400}
 """The part of the page beside the panel."""
 BALL = 1500
 """Orange pixels that are no detail of the page."""
 
 
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return probe.getsockname()[1]
-
-
 @pytest.fixture(scope='module')
 def browser():
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None and 'CI' not in os.environ:
+    if browser_of_tests.path() is None and 'CI' not in os.environ:
         pytest.skip('needs Chromium: apt-get install chromium')
-    with sync_playwright() as playwright:
-        result = playwright.chromium.launch(executable_path=path, args=BROWSER_ARGUMENTS)
+    with browser_of_tests.chromium() as result:
         yield result
-        result.close()
 
 
 class Show:
@@ -62,7 +47,7 @@ class Show:
 
     def __init__(self, browser, graph, node=SIM):
         self.graph = graph
-        self.port = free_port()
+        self.port = browser_of_tests.free_port()
         self.viewer = graph.process(
             '--port', str(self.port), '--node', node, '--rate', '15', module='softbody_ros.viewer'
         )
