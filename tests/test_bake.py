@@ -416,11 +416,14 @@ def test_a_signal_leaves_no_half_file(tmp_path, number):
         text=True,
     )
     deadline = time.monotonic() + 30.0
-    while not list(tmp_path.glob('.bake-*/new.usda')) and time.monotonic() < deadline:
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.02)
-    process.send_signal(number)
-    out, err = process.communicate(timeout=30.0)
+    try:
+        while not list(tmp_path.glob('.bake-*/new.usda')) and time.monotonic() < deadline:
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.02)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=30.0)
+    finally:
+        process.kill()
     assert (process.returncode, out, err) == (128 + number, '', '')
     assert os.listdir(tmp_path) == ['film.usdc']
     assert older.read_text() == 'older'
