@@ -226,14 +226,14 @@ def test_colcon_installs_sim_node_where_ros2_run_looks(graph, workspace, monkeyp
     setup = workspace / 'install' / 'setup.bash'
     command = f'source {setup} && exec {executable} --ros-args --params-file {share}/config/'
     process = subprocess.Popen(
-        ['bash', '-c', command + 'several_bodies.yaml'],
+        ['bash', '-c', command + 'mesh_file.yaml'],
         cwd=workspace, env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
         clouds = graph.collect(PointCloud2, f'{SIM}/points')
         graph.spin_until(lambda: clouds, 'a cloud of the installed node')
-        assert clouds[0].width == 3 * 642 + 386
+        assert clouds[0].width == 2010, 'the mesh file has been found'
         code, _, errors = finish(process, signal.SIGTERM)
         assert code == 0, errors
     finally:
