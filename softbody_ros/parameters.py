@@ -14,6 +14,8 @@ import dataclasses
 from dataclasses import dataclass
 import numbers
 import os
+import pathlib
+import sys
 from typing import Any, TypeVar
 
 from softbody_ros.core.config import (
@@ -222,14 +224,28 @@ def mesh_path(mesh: str) -> str:
         return os.path.expanduser(mesh)
     package, _, path = mesh.removeprefix('package://').partition('/')
     try:
-        # here, not above: what bakes a scene needs no ROS
-        from ament_index_python.packages import get_package_share_directory
-
-        return os.path.join(get_package_share_directory(package), path)
+        return os.path.join(_share_directory(package), path)
     except (LookupError, ValueError, OSError, ImportError):
         raise ConfigError(
             f'mesh {mesh}: package {package!r} is not installed, or its workspace is not sourced'
         ) from None
+
+
+def _share_directory(package: str) -> str:
+    """Return where the files of a package lie; of this one also where pip put or git left them."""
+    source = pathlib.Path(__file__).parents[1]
+    if package == 'softbody_ros' and (source / 'package.xml').is_file():
+        return str(source)
+    try:
+        # here, not above: what bakes a scene needs no ROS
+        from ament_index_python.packages import get_package_share_directory
+
+        return get_package_share_directory(package)
+    except (LookupError, OSError, ImportError):
+        installed = pathlib.Path(sys.prefix) / 'share' / package
+        if package == 'softbody_ros' and installed.is_dir():
+            return str(installed)
+        raise
 
 
 def promoted(value: Any, facts: Setting) -> Any:

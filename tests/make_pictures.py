@@ -1,153 +1,177 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Draw the README's pictures: `python3 tests/make_pictures.py` (needs matplotlib).
+Draw the README's pictures: `python3 tests/make_pictures.py`, or some of them: `… ball modes`.
 
-The bodies are simulated by the core and drawn as flat shaded triangles: one alone back to front,
-a scene by `raster`.
+The bodies are simulated by the core and drawn by `pictures`.
 """
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
-import pathlib
 
-import matplotlib
-
-matplotlib.use('Agg')
-from matplotlib.collections import PolyCollection
-import matplotlib.pyplot as plt
 import numpy as np
-import raster
+from pictures.drawing import (
+    BLUE,
+    ORANGE,
+    SLATE,
+    Paint,
+    camera,
+    checks,
+    film,
+    photo,
+    segments,
+    sheet,
+    with_caption,
+)
+from PIL import Image
+from scene_files import ROOT, scene
 
-from softbody_ros import parameters
-from softbody_ros.bake.obstacle_surface import obstacle_surface
 from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
-from softbody_ros.scene_file import read_scene
+from softbody_ros.parameters import mesh_path
 
-PICTURES = pathlib.Path(__file__).parent.parent / 'resource'
-FLOOR = np.array([0.93, 0.92, 0.9])
-GREY = np.array([0.8, 0.82, 0.86])
-ORANGE = np.array([0.93, 0.48, 0.2])
-LIGHT = np.array([0.35, -0.55, 0.76])
-# camera: x to the right, looking along +y, slightly from above
-PITCH = np.radians(12)
-RIGHT = np.array([1.0, 0.0, 0.0])
-UP = np.array([0.0, np.sin(PITCH), np.cos(PITCH)])
-FORWARD = np.array([0.0, np.cos(PITCH), -np.sin(PITCH)])
+RESOURCE = ROOT / 'resource'
+LYING = (0.0, 0.7071, 0.0, 0.7071)
+"""An orientation in which z of the mesh is x of the world."""
 
 
-def draw_body(axes, vertices, faces, color):
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    order = np.argsort(-corners.mean(axis=1) @ FORWARD)
-    brightness = 0.38 + 0.62 * np.clip(normals[order] @ LIGHT, 0.0, 1.0)
-    screen = np.stack([corners[order] @ RIGHT, corners[order] @ UP], axis=-1)
-    colors = np.clip(color * brightness[:, None], 0.0, 1.0)
-    axes.add_collection(PolyCollection(screen, facecolors=colors, edgecolors=colors, lw=0.3))
+def run_to(world: World, seconds: float) -> None:
+    world.step(round(seconds / world.config.time_step) - world.tick)
 
 
-def draw_shadow(axes, vertices):
-    outline = vertices * [1.0, 1.0, 0.0]
-    screen = np.stack([outline @ RIGHT, outline @ UP], axis=-1)
-    centre, spread = screen.mean(axis=0), np.ptp(screen, axis=0) / 2
-    softness = np.clip(1.0 - vertices[:, 2].min(), 0.25, 1.0)
-    axes.add_patch(
-        matplotlib.patches.Ellipse(centre, *(2.0 * spread), color='black', alpha=0.35 * softness)
-    )
+def scene_and_colors(name: str) -> tuple[World, dict[str, Paint]]:
+    made = scene(name)
+    return World(made.world), {key: each.color for key, each in made.appearances.items()}
 
 
-def film_strip(times, path):
-    """Draw one body dropped by a metre, at several times in one row."""
-    body = BodyConfig(name='ball', subdivisions=4, position=(0.0, 0.0, 1.5))
+def ball() -> None:
+    """A body drops by one metre, squashes like an egg and settles."""
+    body = BodyConfig(
+        name='ball', subdivisions=4, position=(0.0, 0.0, 1.5), orientation=(0.32, 0.12, 0.0, 0.94),
+        initial_velocity_angular=(0.6, 0.0, 0.0),
+        stiffness=0.14, bounciness=0.7, deformation=0.6, elasticity=0.9, friction=0.5,
+    )  # fmt: skip
     world = World(WorldConfig(bodies=(body,)))
-    faces = world.rest_shape('ball').surface.faces
-    figure, axes = plt.subplots(figsize=(10, 3.6), dpi=110)
-    axes.add_patch(matplotlib.patches.Rectangle((-5, -5), 30, 5.02, color='#e9e6e1', zorder=-2))
-    for column, seconds in enumerate(times):
-        world.step(round(seconds * 240) - world.tick)
-        moved = world.positions('ball') + [1.32 * column, 0.0, 0.0]
-        draw_shadow(axes, moved)
-        draw_body(axes, moved, faces, ORANGE)
-        axes.text(1.32 * column, -0.42, f'{seconds:.2f} s', ha='center', color='#666', size=9)
-    axes.set(xlim=(-0.75, 1.32 * len(times) - 0.57), ylim=(-0.55, 2.05), aspect='equal')
-    axes.axis('off')
-    figure.savefig(path, bbox_inches='tight', pad_inches=0.05)
-    plt.close(figure)
+    view = camera([0.0, 1.0, -0.22], [-1.2, -0.5], [1.4, 2.05], 170)
+    frames = []
+    for frame in range(115):
+        run_to(world, frame * 0.02)
+        picture = photo(world, {'ball': segments(ORANGE)}, view)
+        frames.append(with_caption(picture, f'{world.time:.2f} s, at half speed', 15))
+    film(frames, 40, RESOURCE / 'ball.gif')
 
 
-def gallery(scenes, path):
-    """Draw what has become of a body in each scene: (caption, config of the body, seconds)."""
-    figure, axes = plt.subplots(1, len(scenes), figsize=(3.6 * len(scenes), 3.2), dpi=110)
-    for panel, (caption, body, seconds) in zip(axes, scenes, strict=True):
-        world = World(WorldConfig(bodies=(body,)))
-        world.step(round(seconds * 240))
-        panel.add_patch(matplotlib.patches.Rectangle((-5, -5), 30, 5.02, color='#e9e6e1'))
-        moved = world.positions(body.name) - [body.position[0], 0.0, 0.0]
-        draw_shadow(panel, moved)
-        draw_body(panel, moved, world.rest_shape(body.name).surface.faces, ORANGE)
-        panel.text(0.0, -0.42, caption, ha='center', color='#666', size=9)
-        panel.set(xlim=(-1.35, 1.35), ylim=(-0.55, 1.85), aspect='equal')
-        panel.axis('off')
-    figure.subplots_adjust(0, 0, 1, 1, wspace=0)
-    figure.savefig(path, bbox_inches='tight', pad_inches=0.05)
-    plt.close(figure)
+def modes() -> None:
+    """What each mode does when a bar is pushed aside, turned, and held in its middle."""
+    bar = make_surface(mesh_path('package://softbody_ros/config/bar.obj'), 0.75, 0)
+    foot, middle = (-1.0, -1.0, -1.0, 1.0, 1.0, -0.7), (-1.0, -1.0, -0.06, 1.0, 1.0, 0.06)
+    view = camera([0.2, 1.0, -0.3], [-1.62, -0.5], [1.88, 1.75], 118)
+    panels = []
+    for mode, color, does in (
+        ('rigid', SLATE, 'keeps its shape'),
+        ('linear', BLUE, 'stretches and shears'),
+        ('quadratic', ORANGE, 'bends and twists, too'),
+    ):
+        common = {'mesh': bar, 'mode': mode, 'stiffness': 0.2, 'deformation': 0.96}
+        bodies = (
+            BodyConfig(
+                name='pushed', position=(-1.2, 0.0, 0.75), pins_box=foot,
+                initial_velocity_linear=(3.2, 0.0, 0.0), **common,
+            ),
+            BodyConfig(
+                name='turned', position=(-0.25, 0.0, 0.75), pins_box=foot,
+                initial_velocity_angular=(0.0, 0.0, 14.0), **common,
+            ),
+            BodyConfig(
+                name='held', position=(0.95, 0.0, 0.75), orientation=LYING, pins_box=middle,
+                **common,
+            ),
+        )  # fmt: skip
+        world = World(WorldConfig(bodies=bodies))
+        run_to(world, 0.15)
+        paints = dict.fromkeys(world.names, checks(color, 0.075))
+        panels.append(with_caption(photo(world, paints, view), f'{mode}: {does}'))
+    sheet(panels, 3).save(RESOURCE / 'modes.png', optimize=True)
 
 
-def bar(**settings):
-    """Return a soft bar, held at its left end."""
-    box = make_surface('box', 0.5, 5)
-    surface = Surface(box.vertices * [2.4, 0.3, 0.3], box.faces)
+def scenes() -> None:
+    """A moment of each scene that is not shown elsewhere."""
+    moments = {
+        'sphere': 0.55,
+        'cubes': 0.43,
+        'twisting_bar': 0.1,
+        'worm': 3.0,
+        'mesh_file': 3.0,
+    }
+    panels = []
+    for name, seconds in moments.items():
+        world, colors = scene_and_colors(name)
+        run_to(world, seconds)
+        panels.append(with_caption(moment(world, colors), f'{name}.yaml', 15))
+    sheet(panels, 5).save(RESOURCE / 'scenes.png', optimize=True)
+
+
+def moment(world: World, colors: dict[str, Paint]) -> Image.Image:
+    """Return a square picture that the bodies fill."""
+    forward = np.array([0.3, 1.0, -0.4])
+    points = np.concatenate([world.positions(name) for name in world.names])
+    view = camera(forward, [0.0, 0.0], [1.0, 1.0], 1.0)
+    seen = view.onto(points)[:, :2] / view.scale
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    half = 0.72 * (high - low).max()
+    middle = (low + high) / 2 - [0.0, 0.08 * half]
+    return photo(world, colors, camera(forward, middle - half, middle + half, 122 / half))
+
+
+def bodies() -> None:
+    """A held bar, the same with regions, and a ball that keeps its dent."""
     held = (-2.0, -1.0, -1.0, -1.1, 1.0, 1.0)
-    place = (0.0, 0.0, 1.5)
-    return BodyConfig(
-        mesh=surface, stiffness=0.05, damping=0.02, pins_box=held, position=place, **settings
-    )
+    box = make_surface('box', 0.5, 5)
+    bar = BodyConfig(
+        name='body', mesh=Surface(box.vertices * [2.4, 0.3, 0.3], box.faces),
+        stiffness=0.05, damping=0.02, pins_box=held, position=(0.0, 0.0, 1.5),
+    )  # fmt: skip
+    shown = {
+        'a bar held at one end': (bar, checks(BLUE, 0.15), 10.0),
+        'the same with 10 regions': (
+            dataclasses.replace(bar, regions_count=10, regions_whole_body_weight=0.1),
+            checks(BLUE, 0.15),
+            10.0,
+        ),
+        'a ball that keeps its dent': (
+            BodyConfig(
+                name='body', subdivisions=4, regions_count=16, plasticity_creep=20.0,
+                plasticity_yield=0.05,
+            ),
+            segments(ORANGE),
+            5.0,
+        ),
+    }  # fmt: skip
+    view = camera([0.0, 1.0, -0.22], [-1.4, -0.5], [1.4, 1.95], 145)
+    panels = []
+    for caption, (body, paint, seconds) in shown.items():
+        world = World(WorldConfig(bodies=(body,)))
+        run_to(world, seconds)
+        panels.append(with_caption(photo(world, {'body': paint}, view), caption))
+    sheet(panels, 3).save(RESOURCE / 'bodies.png', optimize=True)
 
 
-def triangles_of(obstacle):
-    """Return the corners of an obstacle's triangles, those of a plane far apart."""
-    surface = obstacle_surface(obstacle.config, reach=30.0)
-    return surface.vertices[surface.faces] @ obstacle.rotation.T + obstacle.position
+def contact() -> None:
+    """Moments of the scene contact.yaml; at last its paddle turns."""
+    world, colors = scene_and_colors('contact')
+    view = camera([0.25, 1.0, -0.62], [-2.9, -1.5], [2.35, 2.0], 79)
+    moments = {0.0: 0.0, 0.7: 0.0, 1.3: 0.0, 2.0: 0.0, 10.0: 0.0, 12.0: 1.0}
+    panels = []
+    for seconds, turn in moments.items():
+        world.configure(with_paddle(world.config, turn))
+        run_to(world, seconds)
+        caption = f'{seconds:g} s' + (', the paddle turns' if turn else '')
+        panels.append(with_caption(photo(world, colors, view), caption, 15))
+    sheet(panels, 3).save(RESOURCE / 'contact.png', optimize=True)
 
 
-def moment(scene, world):
-    """Return a picture of the world of a scene as it is now."""
-    corners, colors = [], []
-    for obstacle in world.obstacles:
-        corners.append(triangles_of(obstacle))
-        color = FLOOR if obstacle.config.type == 'plane' else GREY
-        colors.append(np.tile(color, (len(corners[-1]), 1)))
-    for name in world.names:
-        faces = world.rest_shape(name).surface.faces
-        corners.append(world.positions(name)[faces])
-        colors.append(np.tile(scene.appearances[name].color[:3], (len(faces), 1)))
-    camera = raster.view(np.array([0.25, 1.0, -0.62]), [-2.9, -1.5], [2.35, 2.0], 236)
-    picture = raster.shaded(np.concatenate(corners), np.concatenate(colors), camera)
-    return raster.smaller(picture, 3)
-
-
-def story(path, moments):
-    """Draw moments of config/contact.yaml: (caption, seconds, angular velocity of the paddle)."""
-    scene = parameters.make_scene(read_scene(str(PICTURES.parent / 'config' / 'contact.yaml')))
-    world = World(scene.world)
-    columns = 3
-    figure, axes = plt.subplots(len(moments) // columns, columns, figsize=(12.4, 5.54), dpi=100)
-    for panel, (caption, seconds, turn) in zip(axes.flat, moments, strict=True):
-        world.configure(with_paddle(scene.world, turn))
-        world.step(round(seconds / scene.world.time_step) - world.tick)
-        panel.imshow(moment(scene, world), interpolation='none')
-        panel.text(
-            0.98, 0.03, caption, transform=panel.transAxes, ha='right', color='#444', size=9
-        )
-        panel.axis('off')
-    figure.subplots_adjust(0, 0, 1, 1, wspace=0.01, hspace=0.015)
-    figure.savefig(path, pad_inches=0)
-    plt.close(figure)
-
-
-def with_paddle(config, turn):
+def with_paddle(config: WorldConfig, turn: float) -> WorldConfig:
     """Return the config with another angular velocity of the paddle about z, rad/s."""
     turned = [
         dataclasses.replace(item, velocity_angular=(0.0, 0.0, turn))
@@ -158,34 +182,18 @@ def with_paddle(config, turn):
     return dataclasses.replace(config, obstacles=tuple(turned))
 
 
+PICTURES = {each.__name__: each for each in (ball, modes, scenes, bodies, contact)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('names', nargs='*', metavar='NAME', help=f'of {", ".join(PICTURES)}')
+    names = parser.parse_args().names or list(PICTURES)
+    for name in names:
+        if name not in PICTURES:
+            parser.error(f'there is no picture {name}: choose from {", ".join(PICTURES)}')
+        PICTURES[name]()
+
+
 if __name__ == '__main__':
-    film_strip([0.0, 0.35, 0.46, 0.5, 0.55, 0.7, 10.0], PICTURES / 'ball.png')
-    gallery(
-        [
-            ('a bar held at one end', bar(), 10.0),
-            (
-                'the same with 10 regions',
-                bar(regions_count=10, regions_whole_body_weight=0.1),
-                10.0,
-            ),
-            (
-                'a ball that keeps its dent',
-                BodyConfig(
-                    subdivisions=4, regions_count=16, plasticity_creep=20.0, plasticity_yield=0.05
-                ),
-                5.0,
-            ),
-        ],
-        PICTURES / 'bodies.png',
-    )
-    story(
-        PICTURES / 'contact.png',
-        [
-            ('0 s', 0.0, 0.0),
-            ('0.7 s', 0.7, 0.0),
-            ('1.3 s', 1.3, 0.0),
-            ('2 s', 2.0, 0.0),
-            ('10 s', 10.0, 0.0),
-            ('12 s, the paddle turns', 12.0, 1.0),
-        ],
-    )
+    main()

@@ -1,20 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameter table, and the scenes that values and the shipped YAML files make of it."""
+"""The parameter table, and the scenes that values make of it."""
 
-import pathlib
+import sys
 
-import numpy as np
 import pytest
+from scene_files import ROOT, scene_values
 
 from softbody_ros import parameters
-from softbody_ros.core import ConfigError, World
+from softbody_ros.core import ConfigError
 from softbody_ros.core.config import checked
 from softbody_ros.parameters import SceneLists
-from softbody_ros.scene_file import read_scene
 
-ROOT = pathlib.Path(__file__).parent.parent
-SCENES = sorted((ROOT / 'config').glob('*.yaml'))
 TABLE = parameters.table(SceneLists())
 
 
@@ -50,31 +47,8 @@ def test_readme_shows_this_table():
     assert parameters.markdown() in (ROOT / 'README.md').read_text()
 
 
-@pytest.mark.parametrize('path', SCENES, ids=lambda path: path.stem)
-def test_shipped_scene_runs(path):
-    scene = parameters.make_scene(read_scene(str(path)))
-    world = World(scene.world)
-    world.step(240)
-    assert world.tick == 240
-    for name in world.names:
-        x = world.positions(name)
-        assert np.isfinite(x).all()
-        assert x[:, 2].min() > -1e-3, 'nothing is below the ground'
-
-
-def test_whatever_tumbles_in_the_contact_scene_stays_in_its_tray():
-    world = World(parameters.make_scene(read_scene(str(ROOT / 'config' / 'contact.yaml'))).world)
-    world.step(round(5.0 / world.config.time_step))
-    there = {name: world.rigid_fit(name).position for name in world.names}
-    guest = there.pop('guest')
-    ring = next(item for item in world.obstacles if item.config.name == 'ring')
-    assert np.linalg.norm(guest[:2] - ring.position[:2]) < 0.1
-    for name, (x, y, z) in there.items():
-        assert (-0.8 < x < 1.7) and (-1.0 < y < 1.0) and (0.0 < z < 0.6), name
-
-
 def test_default_yaml_lists_every_parameter_with_its_default():
-    values = read_scene(str(ROOT / 'config' / 'default.yaml'))
+    values = scene_values('default')
     assert sorted(set(TABLE) - set(values)) == ['ground.size']  # unused by a plane
     assert parameters.make_scene(values) == parameters.make_scene({})
 
@@ -119,6 +93,20 @@ def test_package_uri_is_found_through_the_ament_index(tmp_path, monkeypatch):
     assert path == str(tmp_path / 'share' / 'meshes' / 'part.stl')
     assert parameters.mesh_path('file:///tmp/part.stl') == '/tmp/part.stl'
     assert parameters.mesh_path('icosphere') == 'icosphere'
+
+
+def test_own_files_are_found_in_a_checkout_and_where_pip_puts_them(tmp_path, monkeypatch):
+    uri = 'package://softbody_ros/config/duck.obj'
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    assert parameters.mesh_path(uri) == str(ROOT / 'config' / 'duck.obj')
+
+    monkeypatch.setattr(parameters, '__file__', str(tmp_path / 'lib/softbody_ros/parameters.py'))
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path))
+    with pytest.raises(ConfigError, match="package 'softbody_ros' is not installed"):
+        parameters.mesh_path(uri)
+    share = tmp_path / 'share' / 'softbody_ros'
+    share.mkdir(parents=True)
+    assert parameters.mesh_path(uri) == str(share / 'config' / 'duck.obj')
 
 
 @pytest.mark.parametrize(

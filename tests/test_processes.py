@@ -221,14 +221,14 @@ def test_colcon_installs_the_commands_where_ros2_run_looks(graph, workspace, mon
     assert 'usage: bake' in subprocess.run(bake, capture_output=True, text=True, check=True).stdout
     command = f'source {setup} && exec {executable} --ros-args --params-file {share}/config/'
     process = subprocess.Popen(
-        ['bash', '-c', command + 'several_bodies.yaml'],
+        ['bash', '-c', command + 'mesh_file.yaml'],
         cwd=workspace, env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
         clouds = graph.collect(PointCloud2, f'{SIM}/points')
         graph.spin_until(lambda: clouds, 'a cloud of the installed node')
-        assert clouds[0].width == 3 * 642 + 386
+        assert clouds[0].width == 2010, 'the mesh file has been found'
         code, _, errors = finish(process, signal.SIGTERM)
         assert code == 0, errors
     finally:

@@ -16,8 +16,8 @@ import pygltflib
 from pygltflib import GLTF2, Accessor, Attributes, BufferView
 
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
-from softbody_ros.bake.obstacle_surface import obstacle_surface
 from softbody_ros.core import ConfigError, Surface
+from softbody_ros.core.obstacle_surface import obstacle_surface
 
 LARGEST = 2**32 - 1
 """Bytes in a file: its header says them in 32 bits."""

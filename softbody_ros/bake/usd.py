@@ -17,8 +17,8 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
-from softbody_ros.bake.obstacle_surface import obstacle_surface, straight_length
 from softbody_ros.core import ObstacleConfig, Surface
+from softbody_ros.core.obstacle_surface import obstacle_surface, straight_length
 from softbody_ros.core.obstacles import Obstacle
 
 ROOT = '/scene'

@@ -15,6 +15,7 @@ from softbody_ros.core import rigid_motion
 from softbody_ros.core.config import ConfigError, ObstacleConfig
 from softbody_ros.core.mesh import PRIMITIVES, MeshError, Surface, make_surface
 from softbody_ros.core.nearest_faces import NearestFaces, nearest_faces
+from softbody_ros.core.obstacle_surface import obstacle_surface
 from softbody_ros.core.point_obstacles import PointObstacles
 
 EDGE_POINTS, MOST_SPIKES = 16, 2000
@@ -129,8 +130,12 @@ class Obstacle:
 
     @property
     def triangles(self) -> np.ndarray:
-        """(3 m, 3) float: three corners per triangle that show a plane, capsule or mesh, m."""
-        return _triangles(self.config.type, self.config.size, self.faces, self._scale)
+        """(3 m, 3) float: three corners per triangle that show it, in its own frame, m."""
+        if self.faces is None:
+            return _corners(self.config)
+        triangles = self.faces.triangles
+        corners = triangles.corner + np.stack([0.0 * triangles.ab, triangles.ab, triangles.ac])
+        return self._scale * corners.transpose(2, 0, 1).reshape(-1, 3)
 
     def distance(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return signed distances (k,) and outward normals (k, 3) of points (k, 3)."""
@@ -227,30 +232,11 @@ def _spikes(kind: str, size: tuple[float, ...]) -> tuple[np.ndarray, float]:
     return np.zeros((0, 3)), 0.0
 
 
-# -------------------------------------------------------------------------------------- triangles
 @lru_cache(maxsize=KEPT)
-def _triangles(
-    kind: str, size: tuple[float, ...], faces: NearestFaces | None, scale: float
-) -> np.ndarray:
-    """Return three corners (3 m, 3) per triangle, in the frame of an obstacle, m."""
-    if faces is not None:
-        triangles = faces.triangles
-        corners = triangles.corner + np.stack([0.0 * triangles.ab, triangles.ab, triangles.ac])
-        return scale * corners.transpose(2, 0, 1).reshape(-1, 3)
-    if kind == 'plane':
-        square = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, -1, 0), (1, 1, 0), (-1, 1, 0)]
-        return SHOWN_PLANE * np.array(square, dtype=float)
-    if kind != 'capsule':
-        raise ValueError(f'a {kind} is not shown by triangles')
-    # of radius and straight half length 1/2, stretched to what they are
-    surface = make_surface('capsule', 1.0, 1)
-    straight = max(size[2] - size[0], 0.0)
-    corners = 2.0 * surface.vertices[surface.faces.reshape(-1)]
-    side = np.clip(corners[:, 2], -1.0, 1.0)
-    corners[:, 2] -= side
-    corners *= size[0]
-    corners[:, 2] += straight * side
-    return corners
+def _corners(config: ObstacleConfig) -> np.ndarray:
+    """Return three corners (3 m, 3) per triangle of an obstacle that is no mesh."""
+    surface = obstacle_surface(config, SHOWN_PLANE)
+    return surface.vertices[surface.faces.reshape(-1)]
 
 
 # ------------------------------------------------------------------------------- signed distances

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What of a moving body gets into the viewer's page, and at what cost: a real browser, real processes.
+What of moving bodies gets into the viewer's page, and at what cost.
 
 python3 tests/benchmarks/viewer.py [--seconds 10]
 
-Prints Markdown. The browser has no GPU here: the page is small and without shadows, so that what
-is measured is the way into the page, and not how a processor draws.
+Prints Markdown. Node, viewer and browser are processes of their own. The browser draws without a
+GPU: the page is small, so that the way into the page is measured rather than the drawing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import subprocess
 import sys
 import time
 
-sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
+sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from browser import chromium, free_port
 from node import cpu_seconds, machine, print_table

@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from softbody_ros.core import ObstacleConfig, Surface, make_surface
+from softbody_ros.core.config import ObstacleConfig
+from softbody_ros.core.mesh import Surface, make_surface
 
 SECTIONS = 48
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])

@@ -1,0 +1,26 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The scenes of `config`, without a node."""
+
+import pathlib
+
+from softbody_ros import parameters
+from softbody_ros.core import World
+from softbody_ros.scene_file import read_scene
+
+ROOT = pathlib.Path(__file__).parent.parent
+SCENES = sorted(path.stem for path in (ROOT / 'config').glob('*.yaml'))
+
+
+def scene_values(name):
+    """Return the parameters of a scene, by their ROS names."""
+    return read_scene(str(ROOT / 'config' / f'{name}.yaml'))
+
+
+def scene(name):
+    """Return what the parameters of a scene say."""
+    return parameters.make_scene(scene_values(name))
+
+
+def world_of(name):
+    return World(scene(name).world)
