@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the viewer makes of messages and descriptors, without a browser."""
 
+import io
+
 from geometry_msgs.msg import Point
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
+import trimesh
 
 from softbody_ros import messages, parameters
 from softbody_ros.core import make_surface
-from softbody_ros.viewer import fields, frames
+from softbody_ros.viewer import fields, frames, glb
 
 BALL = make_surface('icosphere', 0.5, 3)
 
@@ -99,6 +102,21 @@ def test_parts_are_the_colours_however_many_bodies():
 def test_normals_of_a_ball_point_outwards():
     ball = surface()
     np.testing.assert_allclose(ball.normals(ball.vertices), 2.0 * ball.vertices, atol=0.02)
+
+
+def test_the_coloured_file_is_replaced_in_place():
+    ball = surface()
+    file = glb.ColoredFile(ball)
+    random = np.random.default_rng(0)
+    for _ in range(2):
+        moved = random.normal(size=ball.vertices.shape).astype(np.float32)
+        colors = random.integers(0, 256, (len(moved), 4), np.uint8)
+        data = file.filled(moved, ball.normals(moved), colors)
+        (read,) = trimesh.load(io.BytesIO(data), file_type='glb', process=False).geometry.values()
+        np.testing.assert_array_equal(read.vertices, moved)
+        np.testing.assert_array_equal(read.faces, ball.faces)
+        np.testing.assert_array_equal(read.visual.vertex_colors, colors)
+        np.testing.assert_allclose(read.vertex_normals, ball.normals(moved), atol=1e-6)
 
 
 def test_heat_runs_from_the_first_colour_to_the_last():

@@ -8,12 +8,12 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-import trimesh
 import viser
 from visualization_msgs.msg import Marker
 
 from softbody_ros.viewer import frames
 from softbody_ros.viewer.frames import Frame, Part, Surface
+from softbody_ros.viewer.glb import ColoredFile
 
 GRID: dict[str, Any] = {
     'infinite_grid': True, 'cell_size': 0.1, 'section_size': 1.0, 'fade_distance': 40.0,
@@ -33,6 +33,7 @@ class Stage:
         self._parts: list[Part] = []
         self._meshes: list[Any] = []
         self._heated: Any = None
+        self._file: ColoredFile | None = None
         self._obstacles: dict[tuple[str, int], tuple[Any, Any]] = {}
         self._made = 0
         self._scene.set_up_direction('+z')
@@ -48,14 +49,10 @@ class Stage:
         The page compiles the shader of coloured vertices anew whenever the last mesh that uses it
         is replaced, which takes longer than all the rest: this one is never replaced.
         """
-        speck = trimesh.Trimesh(
-            1e-4 * np.eye(3),
-            [[0, 1, 2]],
-            vertex_colors=np.full((3, 4), 255),
-            vertex_normals=np.eye(3),
-            process=False,
-        )
-        self._scene.add_glb('/speck', _glb(speck))
+        speck = Surface(1e-4 * np.eye(3), np.array([[0, 1, 2]]))
+        file = ColoredFile(speck)
+        white = np.full((3, 4), 255, np.uint8)
+        self._scene.add_glb('/speck', file.filled(speck.vertices, np.eye(3), white))
 
     # -------------------------------------------------------------------------------- the bodies
     def look_at(self, surface: Surface) -> None:
@@ -74,6 +71,7 @@ class Stage:
         """Show other bodies, or in other colours: (4,) of 0 … 255 for each."""
         self._surface = surface
         self._parts = frames.parts(surface, body, colors)
+        self._file = None
         self._clear_bodies()
 
     def _clear_bodies(self) -> None:
@@ -112,14 +110,13 @@ class Stage:
 
     def _show_heat(self, frame: Frame, most: float) -> None:
         assert self._surface is not None
-        colored = trimesh.Trimesh(
+        if self._file is None:
+            self._file = ColoredFile(self._surface)
+        data = self._file.filled(
             frame.positions,
-            self._surface.faces,
-            vertex_colors=frames.heat(frame.displacement, most),
-            vertex_normals=self._surface.normals(frame.positions),
-            process=False,
+            self._surface.normals(frame.positions),
+            frames.heat(frame.displacement, most),
         )
-        data = _glb(colored)
         if self._heated is None:
             self._clear_bodies()
             self._heated = self._scene.add_glb('/bodies/displacement', data)
@@ -180,9 +177,3 @@ def _look(marker: Marker) -> Any:
     points = marker.points
     ends = [(p.x, p.y, p.z) for p in (*points[:1], *points[-1:])]
     return marker.type, marker.text, str(marker.scale), str(marker.color), len(points), ends
-
-
-def _glb(mesh: trimesh.Trimesh) -> bytes:
-    data = mesh.export(file_type='glb')
-    assert isinstance(data, bytes)
-    return data

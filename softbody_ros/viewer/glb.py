@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Surfaces with coloured vertices, as files of glTF: what viser shows in colours."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import trimesh
+
+from softbody_ros.viewer.frames import Surface
+
+
+class ColoredFile:
+    """
+    A GLB file of a surface, whose vertices can be replaced.
+
+    trimesh writes it, once, which takes ten times as long as to replace them. What the file says
+    of the extent of the vertices is that of the first: viser determines it anew.
+    """
+
+    def __init__(self, surface: Surface) -> None:
+        mesh = trimesh.Trimesh(
+            surface.vertices,
+            surface.faces,
+            vertex_normals=surface.normals(surface.vertices),
+            vertex_colors=np.full((len(surface.vertices), 4), 255, np.uint8),
+            process=False,
+        )
+        data = mesh.export(file_type='glb')
+        assert isinstance(data, bytes)
+        self._bytes = bytearray(data)
+        # a header of 12 bytes, then chunks of length, type and data: JSON, binary
+        (length,) = struct.unpack_from('<I', data, 12)
+        tree = json.loads(data[20 : 20 + length])
+        begin = 20 + length + 8
+        (primitive,) = tree['meshes'][0]['primitives']
+        self._place = {}
+        for name, index in primitive['attributes'].items():
+            accessor = tree['accessors'][index]
+            view = tree['bufferViews'][accessor['bufferView']]
+            self._place[name] = begin + view.get('byteOffset', 0) + accessor.get('byteOffset', 0)
+
+    def filled(self, positions: np.ndarray, normals: np.ndarray, colors: np.ndarray) -> bytes:
+        """
+        Return the file with these vertices.
+
+        Parameters
+        ----------
+        positions, normals : (n, 3) float
+        colors : (n, 4) uint8
+
+        """
+        for name, array, kind in (
+            ('POSITION', positions, np.float32),
+            ('NORMAL', normals, np.float32),
+            ('COLOR_0', colors, np.uint8),
+        ):
+            count, place = array.size, self._place[name]
+            np.frombuffer(self._bytes, kind, count, place)[:] = array.reshape(-1)
+        return bytes(self._bytes)
