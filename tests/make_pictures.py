@@ -171,6 +171,13 @@ def contact() -> None:
     sheet(panels, 3).save(RESOURCE / 'contact.png', optimize=True)
 
 
+def viewer() -> None:
+    """The page of the viewer (needs Chromium)."""
+    from pictures.page import page
+
+    page('contact', 330, 'body', (1100, 680)).save(RESOURCE / 'viewer.png', optimize=True)
+
+
 def with_paddle(config: WorldConfig, turn: float) -> WorldConfig:
     """Return the config with another angular velocity of the paddle about z, rad/s."""
     turned = [
@@ -182,7 +189,7 @@ def with_paddle(config: WorldConfig, turn: float) -> WorldConfig:
     return dataclasses.replace(config, obstacles=tuple(turned))
 
 
-PICTURES = {each.__name__: each for each in (ball, modes, scenes, bodies, contact)}
+PICTURES = {each.__name__: each for each in (ball, modes, scenes, bodies, contact, viewer)}
 
 
 def main() -> None:

@@ -42,6 +42,7 @@ SILENCE = 3.0
 """Seconds after which a node that says nothing is gone: its diagnostics come once a second."""
 MEMORY = 5.0
 """Seconds for which the legend remembers the largest displacement."""
+LEGEND_ENDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -183,7 +184,7 @@ class Viewer(Node):
             peak for peak in self._peaks if now - peak[0] < MEMORY and peak[1] > largest
         ]
         self._peaks.append((now, largest))
-        return frames.round_up(max(self._peaks[0][1], 1e-3))
+        return frames.round_up(max(self._peaks[0][1], 1e-3), LEGEND_ENDS)
 
     def _tell(self) -> None:
         """Write the status of the last second."""

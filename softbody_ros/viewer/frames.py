@@ -169,10 +169,10 @@ def heat(displacement: np.ndarray, most: float) -> np.ndarray:
     return _HEAT[np.clip(255.0 / most * displacement, 0.0, 255.0).astype(np.uint8)]
 
 
-def round_up(value: float) -> float:
-    """Return the least of … 0.1, 0.2, 0.5, 1, 2, 5 … that is not below a positive value."""
+def round_up(value: float, steps: tuple[float, ...] = (1.0, 2.0, 5.0)) -> float:
+    """Return the least that is not below a positive value, of the steps times powers of ten."""
     power = 10.0 ** np.floor(np.log10(value))
-    step = next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9))
+    step = next(step for step in (*steps, 10.0) if step * power >= value * (1 - 1e-9))
     return float(f'{step * power:.6g}')
 
 
