@@ -7,7 +7,7 @@ import io
 from geometry_msgs.msg import Point
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
 import trimesh
@@ -67,20 +67,38 @@ def test_clouds_of_others_are_refused():
     message.fields = message.fields[:3]
     with pytest.raises(frames.FrameError, match='it lacks displacement, body'):
         frames.frame(message)
+    message = cloud(*[(np.zeros((1, 3)), np.zeros(1))] * 2)
+    message.width = 1
+    message.data = message.data[20:]
+    with pytest.raises(frames.FrameError, match='1 points, but one of body 1'):
+        frames.frame(message)
     message = cloud(bodies)
     message.width = 3
     with pytest.raises(frames.FrameError, match='cut off: 40 bytes for 3 points'):
         frames.frame(message)
 
 
-def test_a_surface_is_what_was_packed():
-    data = messages.serialized_mesh(BALL.vertices, BALL.faces)
-    read = frames.surface(deserialize_message(data, Mesh))
+@pytest.mark.parametrize('triangles', [0, 1, 2, len(BALL.faces)])
+def test_a_surface_is_what_was_packed(triangles):
+    data = messages.serialized_mesh(BALL.vertices, BALL.faces[:triangles])
+    read = frames.surface(data)
     np.testing.assert_array_equal(read.vertices, BALL.vertices)
-    np.testing.assert_array_equal(read.faces, BALL.faces)
+    np.testing.assert_array_equal(read.faces, BALL.faces[:triangles])
+    # as rclpy packs it
+    again = frames.surface(serialize_message(deserialize_message(data, Mesh)))
+    np.testing.assert_array_equal(again.vertices, read.vertices)
+    np.testing.assert_array_equal(again.faces, read.faces)
+
+
+def test_broken_surfaces_are_refused():
     broken = Mesh(vertices=[Point()], triangles=[MeshTriangle(vertex_indices=[0, 1, 0])])
     with pytest.raises(frames.FrameError, match='1 vertices, but not number 1'):
-        frames.surface(broken)
+        frames.surface(serialize_message(broken))
+    data = serialize_message(broken)
+    for length in range(len(data)):
+        with pytest.raises(frames.FrameError):
+            frames.surface(data[:length])
+    assert frames.surface(serialize_message(Mesh())).vertices.shape == (0, 3)
 
 
 def test_parts_are_the_colours_however_many_bodies():

@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import ipaddress
+import re
 import signal
 import sys
 import threading
@@ -80,8 +81,8 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _node_name(text: str) -> str:
-    name = '/' + text.strip('/')
-    if not name.replace('/', '').replace('_', '').isalnum() or '//' in name:
+    name = '/' + text.removeprefix('/')
+    if not re.fullmatch(r'(/[A-Za-z_]\w*)+', name, re.ASCII):
         raise argparse.ArgumentTypeError(
             f'{text!r} is no name of a node: give one such as /softbody_sim'
         )

@@ -19,6 +19,7 @@ import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -95,9 +96,9 @@ class Viewer(Node):
         def listen(kind: type, topic: str, use: Callable, qos: Any, raw: bool = False) -> None:
             self.create_subscription(kind, topic, use, qos, raw=raw)
 
-        # raw: many more clouds come than are shown
+        # raw: more clouds come than are shown
         listen(PointCloud2, f'{target}/points', self._take_cloud, 1, raw=True)
-        listen(Mesh, f'{target}/rest_mesh', self._take_mesh, LATCHED)
+        listen(Mesh, f'{target}/rest_mesh', self._take_mesh, LATCHED, raw=True)
         listen(MarkerArray, f'{target}/obstacle_markers', self._take_obstacles, LATCHED)
         listen(DiagnosticArray, '/diagnostics', self._take_diagnostics, 10)
         self._poke = self.create_publisher(PointStamped, f'{target}/poke', 10)
@@ -124,7 +125,7 @@ class Viewer(Node):
         self._cloud, self._heard = cloud, time.monotonic()
         self._clouds += 1
 
-    def _take_mesh(self, mesh: Mesh) -> None:
+    def _take_mesh(self, mesh: bytes) -> None:
         try:
             surface = frames.surface(mesh)
         except FrameError as error:
@@ -179,7 +180,8 @@ class Viewer(Node):
 
     def _largest(self, frame: Frame) -> float:
         """Return the end of the legend, m: a round number beyond the last displacements."""
-        now, largest = time.monotonic(), float(frame.displacement.max(initial=0.0))
+        largest = float(np.nan_to_num(frame.displacement, posinf=0.0).max(initial=0.0))
+        now = time.monotonic()
         self._peaks = [
             peak for peak in self._peaks if now - peak[0] < MEMORY and peak[1] > largest
         ]
@@ -240,7 +242,9 @@ class Viewer(Node):
         """Make the panel of the node's parameters."""
         self._is_described = True
         shown = [
-            fields.field(item, values[item.name]) for item in descriptors if not item.read_only
+            fields.field(item, values[item.name])
+            for item in descriptors
+            if not item.read_only and item.type in fields.TYPES
         ]
         self._names = [name for name in values.get('bodies', []) if name]
         obstacles = [name for name in values.get('obstacles', []) if name]
@@ -270,6 +274,7 @@ class Viewer(Node):
             self._remote.set(field.name, field.type, fields.from_widget(field, value))
         except fields.FieldError as error:
             self.refused(field.name, str(error))
+            self._panel.restore(field.name)
 
     def _act(self, action: str) -> None:
         if action == 'pause':
@@ -330,6 +335,9 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
             f'open http://{options.host}:{server.get_port()} in a browser; it shows {options.node}'
         )
         _spin(node, stop)
+    except (ParameterException, RuntimeError) as error:
+        print('viewer:', ' '.join(str(error).split()), file=sys.stderr)
+        return 1
     finally:
         rclpy.try_shutdown()
         server.stop()

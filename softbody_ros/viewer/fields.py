@@ -24,6 +24,14 @@ LISTS = {
     ParameterType.PARAMETER_INTEGER_ARRAY: int,
     ParameterType.PARAMETER_STRING_ARRAY: str,
 }
+TYPES = {
+    ParameterType.PARAMETER_BOOL,
+    ParameterType.PARAMETER_INTEGER,
+    ParameterType.PARAMETER_DOUBLE,
+    ParameterType.PARAMETER_STRING,
+    *LISTS,
+}
+"""Types of parameters that can be shown."""
 _UNIT = re.compile(r' \[([^\]]+)\]$')
 
 

@@ -207,6 +207,10 @@ class Panel:
             self._fit_slider(field, widget)
         widget.value = shown
 
+    def restore(self, name: str) -> None:
+        """Show again the value that a parameter has had all the time."""
+        self.show(name, self._values[name])
+
     def settle(self) -> None:
         """Give the sliders another range that have been dragged to their end, or close to 0."""
         now = time.monotonic()
