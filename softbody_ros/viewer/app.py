@@ -80,7 +80,7 @@ class Viewer(Node):
         self._remote = Remote(self, target, self)
         self._names: list[str] = []
         self._asked = -PATIENCE
-        self._is_described = False
+        self._is_described = self._is_outdated = False
         self._surface: Surface | None = None
         self._colors: list = []
         self._drawn = ''
@@ -133,8 +133,9 @@ class Viewer(Node):
             return
         if self._surface is None and len(surface.vertices):
             self._stage.look_at(surface)
+        # if there was one already, it may be of another node of this name
+        self._is_outdated = self._surface is not None
         self._surface, self._drawn = surface, ''
-        self._is_described = False  # it may be another node of this name
 
     def _take_obstacles(self, message: MarkerArray) -> None:
         self._stage.set_obstacles(message.markers)
@@ -233,8 +234,8 @@ class Viewer(Node):
         if not is_there:
             self._remote.forget()
             self._is_described = False
-        elif not self._is_described and now - self._asked >= PATIENCE:
-            self._asked = now
+        elif (not self._is_described or self._is_outdated) and now - self._asked >= PATIENCE:
+            self._asked, self._is_outdated = now, False
             self._later(self._remote.describe)
         self._panel.steerable(self._is_described)
 

@@ -115,9 +115,13 @@ class Panel:
         bodies: Sequence[str],
         obstacles: Sequence[str],
     ) -> None:
-        """Make the widgets anew, for these parameters."""
-        self._fields = {field.name: field for field in described}
-        self._values = dict(values)
+        """Have widgets for these parameters; those that there are stay as they are."""
+        wanted = {field.name: field for field in described}
+        if wanted == self._fields:
+            for name in wanted:
+                self.show(name, values[name])
+            return
+        self._fields, self._values = wanted, dict(values)
         self._widgets.clear()
         for folder in self._folders:
             folder.remove()

@@ -34,8 +34,8 @@ def page(scene: str, ticks: int, coloring: str, size: tuple[int, int]) -> Image.
             shown.get_by_role('option', name=coloring).click()
             graph.call(Trigger, f'{NODE}/step')
             shown.wait_for_timeout(6_000)  # a browser without a GPU needs seconds for a picture
-            for close in shown.locator('.mantine-Notification-closeButton').all():
-                close.click()
+            closers = shown.locator('.mantine-Notification-closeButton')
+            closers.evaluate_all('buttons => buttons.forEach(button => button.click())')
             shown.mouse.move(5, size[1] - 5)
             shown.wait_for_timeout(3_000)
             return Image.open(io.BytesIO(shown.screenshot())).convert('RGB')
