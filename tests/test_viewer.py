@@ -93,7 +93,7 @@ def show(browser):
     simulation = graph.process('--ros-args', '-p', 'time_scale:=0.5')
     result = Show(browser, graph)
     result.simulation = simulation
-    result.says('running')
+    result.says(f'{SIM}: running')
     expect(result.row('stiffness')).to_be_visible(timeout=20_000)
     graph.spin_until(lambda: result.height(), 'a ball in the view')
     yield result
@@ -210,14 +210,14 @@ def test_tooltips_are_the_descriptions(show):
 
 def test_pause_step_and_apply_velocity(show):
     button(show, 'Pause').click()
-    show.says('paused')
+    show.says(f'{SIM}: paused')
     step = button(show, 'Step')
     expect(step).to_be_enabled()
     clouds = show.graph.collect(PointCloud2, f'{SIM}/points')
     step.click()
     show.graph.spin_until(lambda: clouds, 'a tick')
     button(show, 'Go on').click()
-    show.says('running')
+    show.says(f'{SIM}: running')
     spin = show.number('linear [m/s]', 2)
     spin.fill('6')
     spin.press('Enter')
@@ -233,7 +233,7 @@ def test_a_click_on_a_body_pokes_it_there(show):
     clouds = show.graph.collect(PointCloud2, f'{SIM}/points', 1)
     show.graph.spin_until(lambda: clouds)
     button(show, 'Pause').click()
-    show.says('paused')
+    show.says(f'{SIM}: paused')
 
     def click():
         # notices lie over the view
@@ -256,7 +256,7 @@ def test_a_click_on_a_body_pokes_it_there(show):
     assert point.y < 0.0  # the camera's side
     assert pokes[0].header.frame_id == 'world'
     button(show, 'Go on').click()
-    show.says('running')
+    show.says(f'{SIM}: running')
 
 
 def test_it_binds_to_this_machine_only(show):

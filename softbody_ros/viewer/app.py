@@ -41,6 +41,8 @@ from softbody_ros.viewer.stage import Stage
 
 SILENCE = 3.0
 """Seconds after which a node that says nothing is gone: its diagnostics come once a second."""
+IN_FLIGHT = 0.5
+"""Seconds for which diagnostics from before a pause may still arrive after its answer."""
 MEMORY = 5.0
 """Seconds for which the legend remembers the largest displacement."""
 LEGEND_ENDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -86,7 +88,7 @@ class Viewer(Node):
         self._drawn = ''
         self._cloud: bytes | None = None
         self._frame: Frame | None = None
-        self._heard = -SILENCE
+        self._heard = self._answered = -SILENCE
         self._clouds = self._pictures = 0
         self._report: dict[str, str] = {}
         self._summary = ''
@@ -146,7 +148,8 @@ class Viewer(Node):
                 self._heard = time.monotonic()
                 self._summary = status.message
                 self._report = {item.key: item.value for item in status.values}
-                self._panel.paused(status.message.startswith('paused'))
+                if self._heard - self._answered >= IN_FLIGHT:
+                    self._panel.paused(status.message.startswith('paused'))
 
     # ------------------------------------------------------------------------------ what is shown
     def _show(self) -> None:
@@ -289,6 +292,7 @@ class Viewer(Node):
         if not answer.success:
             self._notify(f'no {action}'.replace('_', ' '), answer.message, 'red')
         elif action == 'pause':
+            self._answered = time.monotonic()
             self._panel.paused(answer.message.startswith('paused'))
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
