@@ -45,7 +45,7 @@ interpolated: where the ticks do not divide a frame, it is up to half a tick ear
 is simulated time; time_scale and the rates of topics mean nothing here.
 
 Of a binary USD file only the newest frames are in memory; of .npz all of them, 24 bytes for each
-vertex and frame, of .glb about 60, of .usda 12. A file of the same name is replaced when the new
+vertex and frame, of .glb about 100, of .usda 30. A file of the same name is replaced when the new
 one is whole; after Ctrl-C it is as it was.
 """
 
