@@ -405,6 +405,8 @@ def test_frames_show_the_nearest_ticks(seconds, fps, ticks):
         ([CONFIG / 'default.yaml', '-o', 'a.abc'], 'a.abc has an unknown suffix: end it with one'),
         ([CONFIG / 'default.yaml', '-o', 'no/a.npz'], 'no/a.npz does not exist: create no'),
         ([CONFIG / 'default.yaml', '-o', 'folder.npz'], 'folder.npz is a folder'),
+        ([CONFIG / 'default.yaml', '-o', 'a.npz', '-o', './a.npz'], 'a.npz is given twice'),
+        (['.'], 'scene . cannot be read: Is a directory'),
         ([CONFIG / 'default.yaml', '--seconds', '-1'], 'seconds is -1: it must be from 0 to'),
         ([CONFIG / 'default.yaml', '--seconds', 'nan'], 'seconds is nan: it must be from 0 to'),
         ([CONFIG / 'default.yaml', '--fps', '0'], 'fps is 0: it must be above 0 and at most 240'),
@@ -449,6 +451,21 @@ def test_unknown_parameters_are_ignored_with_a_warning(run_main, capsys):
     warning = 'bake: parameter time_stepp is unknown and ignored: did you mean time_step?\n'
     assert capsys.readouterr().err == warning
     assert os.listdir() == ['default.usdc']
+
+
+def test_a_file_for_another_node_is_the_default_scene_with_a_warning(run_main, capsys, tmp_path):
+    (tmp_path / 'other.yaml').write_text('other: {ros__parameters: {bodies: [a, b]}}')
+    assert run_main('other.yaml', '--seconds', '0', '-p', 'ball.mass:=2', '-o', 'a.npz') == 0
+    warning = 'bake: scene other.yaml has no parameters for /softbody_sim: the default scene is'
+    assert capsys.readouterr().err == f'{warning} baked\n'
+    assert np.load('a.npz')['bodies'].tolist() == ['ball']
+
+
+def test_a_tilde_that_the_shell_left_is_home(run_main, monkeypatch, tmp_path):
+    monkeypatch.setenv('HOME', str(tmp_path / 'home'))
+    (tmp_path / 'home').mkdir()
+    assert run_main(CONFIG / 'default.yaml', '--seconds', '0', '--output=~/a.npz') == 0
+    assert os.listdir(tmp_path / 'home') == ['a.npz']
 
 
 # ------------------------------------------------------------------------------------- whole files

@@ -45,9 +45,10 @@ class GltfWriter:
     """
 
     def __init__(self, path: Path, film: Film) -> None:
-        if size(film) > LARGEST:
+        expected = size(film)
+        if expected > LARGEST:
             raise ConfigError(
-                f'a .glb of {size(film) / 1e9:.1f} GB is more than the format can hold, 4.3 GB: '
+                f'a .glb of {expected / 1e9:.1f} GB is more than the format can hold, 4.3 GB: '
                 'take fewer frames, or .usdc'
             )
         self._path = path
