@@ -508,10 +508,12 @@ def test_a_signal_leaves_no_half_file(tmp_path, number):
     assert older.read_text() == 'older'
 
 
-@pytest.mark.parametrize('suffix', list(command.FORMATS))
-def test_a_full_disk_is_one_sentence_and_no_half_file(run_main, capsys, suffix):
+@pytest.mark.parametrize(
+    ('suffix', 'free'), [*((suffix, 20_000) for suffix in command.FORMATS), ('.usdc', 0)]
+)
+def test_a_full_disk_is_one_sentence_and_no_half_file(run_main, capsys, suffix, free):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (free, limits[1]))
     try:
         code = run_main(CONFIG / 'default.yaml', '--seconds', '1', '-o', f'film{suffix}')
     finally:

@@ -14,6 +14,8 @@ round ones coarse.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +38,8 @@ class UsdWriter:
     def __init__(self, path: Path, film: Film) -> None:
         self._is_text = path.suffix == '.usda'
         self._waiting = 0
-        self._stage = Usd.Stage.CreateNew(str(path))
+        with _errors_of_files():
+            self._stage = Usd.Stage.CreateNew(str(path))
         _set_metadata(self._stage, film)
         for part in ('', '/bodies', '/obstacles'):
             UsdGeom.Xform.Define(self._stage, ROOT + part)
@@ -62,11 +65,8 @@ class UsdWriter:
     def finish(self) -> None:
         """Save what is not saved yet."""
         self._waiting = 0
-        try:
+        with _errors_of_files():
             self._stage.Save()
-        except Tf.ErrorException as error:
-            # a whole list of errors, the first of which is the cause
-            raise OSError(error.args[0].commentary) from None
 
     def _body(self, film: Film, name: str) -> _Mesh:
         color = film.color(name)
@@ -134,6 +134,15 @@ class _Placed:
         x, y, z, w = quaternion(obstacle)
         self._translation.Set(Gf.Vec3d(*obstacle.position.tolist()), time)
         self._orientation.Set(Gf.Quatd(w, x, y, z), time)
+
+
+@contextmanager
+def _errors_of_files() -> Iterator[None]:
+    """Raise OSError where USD raises a whole list of errors, the first of which is the cause."""
+    try:
+        yield
+    except Tf.ErrorException as error:
+        raise OSError(error.args[0].commentary) from None
 
 
 def _set_metadata(stage: Usd.Stage, film: Film) -> None:
