@@ -106,13 +106,16 @@ def _path(text: str) -> Path:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from softbody_ros.bake.film import Film
+
     scene = _scene(options)
     outputs = options.output or [_default_output(options.scene)]
     writers = [_writer(path) for path in outputs]
-    for path in outputs:
-        if [other.resolve() for other in outputs].count(path.resolve()) > 1:
-            raise Refusal(f'the output {path} is given twice: give each film its own name')
-    film = _film(scene, options)
+    places = [path.resolve() for path in outputs]
+    for path, place in zip(outputs, places, strict=True):
+        if places.count(place) > 1:
+            raise Refusal(f'the output {path} is given twice: give each file its own name')
+    film = Film(scene, options.seconds, options.fps)
     for path in outputs:
         _warn_if_large(path, film)
     signals: list[int] = []
@@ -166,12 +169,6 @@ def _scene(options: argparse.Namespace) -> Scene:
     for name, hint in unknown.items():
         _warn(f'parameter {name} is unknown and ignored: {hint}')
     return parameters.make_scene(values)
-
-
-def _film(scene: Scene, options: argparse.Namespace) -> Film:
-    from softbody_ros.bake.film import Film
-
-    return Film(scene, options.seconds, options.fps)
 
 
 def _warn_if_large(path: Path, film: Film) -> None:

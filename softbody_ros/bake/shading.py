@@ -39,9 +39,8 @@ class Shading:
         sums = vertex_normals(positions[self.origin], self.faces)
         lengths = np.linalg.norm(sums, axis=1, keepdims=True)
         # what has no area is seen by nobody, but must have a normal
-        return np.where(lengths > 0.0, sums / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0)).astype(
-            np.float32
-        )
+        normals = np.where(lengths > 0.0, sums / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0))
+        return normals.astype(np.float32)
 
 
 def shading(surface: Surface) -> Shading:
