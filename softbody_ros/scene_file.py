@@ -10,6 +10,7 @@ number, `~` a text, `010` is eight.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import math
 import re
 from typing import Any
 
@@ -23,6 +24,8 @@ YES = frozenset(['Y', 'y', 'yes', 'Yes', 'YES', 'true', 'True', 'TRUE', 'on', 'O
 NO = frozenset(['N', 'n', 'no', 'No', 'NO', 'false', 'False', 'FALSE', 'off', 'Off', 'OFF'])
 OCTAL = re.compile('[+-]?0[0-7]*')
 WHOLE = re.compile(f'{OCTAL.pattern}|[+-]?(0[xX][0-9a-fA-F]+|[1-9][0-9]*)')
+LONGEST_WHOLE = 200
+"""Characters: more make no integer of 64 bits, and might not fit into a float."""
 DECIMAL = re.compile(
     r'[+-]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|\.?(nan|NaN|NAN|inf|Inf|INF))'
 )
@@ -77,6 +80,10 @@ def _composed(text: str, what: str) -> yaml.Node | None:
         return yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.YAMLError as error:
         raise ConfigError(f'{what} is not YAML: {" ".join(str(error).split())}') from None
+    except RecursionError:
+        raise ConfigError(
+            f'{what} is nested too deeply: parameters are a few levels deep'
+        ) from None
 
 
 def _sections(
@@ -152,11 +159,13 @@ def _scalar(node: yaml.ScalarNode, what: str) -> bool | int | float | str:
         raise ConfigError(f'{what} has no value')
     if text in YES | NO:
         return text in YES
-    if WHOLE.fullmatch(text):
+    if len(text) <= LONGEST_WHOLE and WHOLE.fullmatch(text):
         whole = int(text, 8 if OCTAL.fullmatch(text) else 0)
         return whole if abs(whole) < 2**63 else float(whole)
     if DECIMAL.fullmatch(text):
-        return float(re.sub(r'\.(?=[a-zA-Z])', '', text))
+        number = float(re.sub(r'\.(?=[a-zA-Z])', '', text))
+        said = text.lstrip('+-.')[0].isalpha()  # inf or nan
+        return number if said or math.isfinite(number) else text
     return text
 
 

@@ -23,8 +23,9 @@ import trimesh
 from softbody_ros import parameters
 from softbody_ros.bake import __main__ as command
 from softbody_ros.bake.film import Film, linear
+from softbody_ros.bake.shading import shading
 from softbody_ros.bake.whole_file import whole_file
-from softbody_ros.core import World
+from softbody_ros.core import Surface, World
 from softbody_ros.scene_file import read_scene
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -51,6 +52,7 @@ softbody_sim:
     ring: {type: mesh, mesh: torus, subdivisions: 0, position: [0.0, 3.0, 0.5]}
 """
 FPS, FRAMES = 24, 25
+SOME = (0, 13, 24)
 WITHOUT_ROS = """
 import runpy, sys
 
@@ -121,6 +123,22 @@ def run_main(monkeypatch, tmp_path):
         signal.signal(number, handler)
 
 
+def expected_normals(surface, positions):
+    """Return the normals (m, 3, 3) of corners, face by face: a brick has sides, else all meet."""
+    a, b, c = positions[surface.faces.T]
+    areas = np.cross(b - a, c - a)
+    a, b, c = surface.vertices[surface.faces.T]
+    rest = np.cross(b - a, c - a)
+    rest /= np.linalg.norm(rest, axis=1, keepdims=True)
+    beside = rest @ rest.T > 0.5
+    result = np.empty((len(areas), 3, 3))
+    for corner in range(3):
+        meet = (surface.faces[:, corner, None, None] == surface.faces[None]).any(axis=2)
+        sums = (meet & beside) @ areas
+        result[:, corner] = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    return result
+
+
 # ---------------------------------------------------------------------------------------- formats
 def test_npz_is_the_core_to_the_last_bit(baked, scene, core):
     film = np.load(baked / 'film.npz', allow_pickle=False)
@@ -172,6 +190,41 @@ def test_usd_has_the_bodies_of_the_core(baked, scene, core, suffix):
             assert np.array_equal(extent, [points.min(axis=0), points.max(axis=0)])
 
 
+@pytest.mark.parametrize('name', ['ball', 'sheet', 'brick'])
+def test_usd_normals_are_those_of_smooth_and_creased_surfaces(baked, scene, core, name):
+    stage = Usd.Stage.Open(str(baked / 'film.usdc'))
+    primvar = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(f'/scene/bodies/{name}'))
+    normals = primvar.GetPrimvar('normals')
+    surface = World(scene.world).rest_shape(name).surface
+    # what is smooth has one for each vertex, which every reader takes
+    assert normals.GetInterpolation() == ('faceVarying' if name == 'brick' else 'vertex')
+    assert normals.GetTimeSamples() == list(range(FRAMES))
+    for index in SOME:
+        shown = np.array(normals.ComputeFlattened(index))
+        shown = shown.reshape(-1, 3, 3) if name == 'brick' else shown[surface.faces]
+        assert np.abs(shown - expected_normals(surface, core[index][0][name])).max() < 1e-6
+
+
+def test_edges_are_creases_by_their_angle_at_rest():
+    # a roof of two triangles, whose ridge turns by the angle
+    def roof(angle):
+        angle = np.radians(angle)
+        wing = [0.5, -np.cos(angle), -np.sin(angle)]
+        return Surface(
+            np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1.0, 0.0], wing]),
+            np.array([[0, 1, 2], [1, 0, 3]]),
+        )
+
+    flat, sharp = shading(roof(45.0)), shading(roof(60.0))
+    assert flat.origin.tolist() == [0, 1, 2, 3]
+    assert sharp.origin.tolist() == [0, 0, 1, 1, 2, 3]
+    assert flat.normals(roof(90.0).vertices)[0] == pytest.approx([0.0, -(0.5**0.5), 0.5**0.5])
+    at_ridge = sharp.normals(roof(90.0).vertices)[:2].tolist()
+    assert sorted(at_ridge) == pytest.approx(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]))
+    # without an area there is no direction, but a reader wants one
+    assert np.array_equal(flat.normals(np.zeros((4, 3))), [[0.0, 0.0, 1.0]] * 4)
+
+
 def test_usd_colors_are_linear_and_shown_with_and_without_materials(baked):
     stage = Usd.Stage.Open(str(baked / 'film.usdc'))
     ball = UsdGeom.Mesh(stage.GetPrimAtPath('/scene/bodies/ball'))
@@ -188,23 +241,24 @@ def test_usd_colors_are_linear_and_shown_with_and_without_materials(baked):
 
 def test_usd_obstacles_are_where_those_of_the_core_are(baked, scene, core):
     stage = Usd.Stage.Open(str(baked / 'film.usdc'))
-    kinds = {'ground': 'Mesh', 'paddle': 'Cube', 'pole': 'Cylinder', 'post': 'Capsule'}
-    kinds |= {'stone': 'Sphere', 'ring': 'Mesh'}
     for config in scene.world.obstacles:
         prim = stage.GetPrimAtPath(f'/scene/obstacles/{config.name}')
-        assert prim.GetTypeName() == kinds[config.name]
-        placed = UsdGeom.Xformable(prim)
-        scale = config.size if config.type == 'box' else (1.0, 1.0, 1.0)
+        placed = UsdGeom.Mesh(prim)
         for index, (_, obstacles) in enumerate(core):
             obstacle, matrix = obstacles[config.name], np.eye(4)
-            matrix[:3, :3] = (obstacle.rotation * scale).T  # USD has row vectors
+            matrix[:3, :3] = obstacle.rotation.T  # USD has row vectors
             matrix[3, :3] = obstacle.position
             local = np.array(placed.ComputeLocalToWorldTransform(index))
-            assert np.abs(local - matrix).max() < 1e-7  # the scale is float32
-        low, high = np.array(UsdGeom.Boundable(prim).GetExtentAttr().Get())
-        half = {'paddle': (1, 1, 1), 'pole': (0.1, 0.1, 0.4), 'post': (0.1, 0.1, 0.4)}
+            assert np.abs(local - matrix).max() < 1e-12
+        low, high = np.array(placed.GetExtentAttr().Get())
+        points = np.array(placed.GetPointsAttr().Get())
+        assert np.array_equal([low, high], [points.min(axis=0), points.max(axis=0)])
+        half = {'paddle': (0.5, 0.1, 0.2), 'pole': (0.1, 0.1, 0.4), 'post': (0.1, 0.1, 0.4)}
         half |= {'stone': (0.3, 0.3, 0.3), 'ring': (1, 1, 1 / 3), 'ground': (7, 7, 0)}
-        assert high == pytest.approx(half[config.name]) and np.array_equal(low, -high)
+        assert high == pytest.approx(half[config.name], abs=1e-3)
+        assert low == pytest.approx(-high, abs=1e-6)
+        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+        assert material.GetPath() == '/scene/materials/_obstacles'
 
 
 def test_usd_passes_its_own_validation(baked, tmp_path):
@@ -270,15 +324,23 @@ def test_glb_morphs_from_frame_to_frame(baked, scene, core):
         mesh = glb.json['meshes'][glb.json['nodes'][node]['mesh']]
         [primitive] = mesh['primitives']
         faces = glb.array(primitive['indices']).reshape(-1, 3)
-        assert np.array_equal(faces, world.rest_shape(name).surface.faces)
-        first = glb.array(primitive['attributes']['POSITION'])
-        targets = np.array([glb.array(target['POSITION']) for target in primitive['targets']])
         times, weights = glb.channels(node)['weights']
         assert np.array_equal(times, (np.arange(FRAMES) / FPS).astype(np.float32))
-        shown = first + np.tensordot(weights.reshape(FRAMES, -1), targets, axes=1)
-        expected = np.array([positions[name] for positions, _ in core])
+
+        def corners(attribute, weights=weights, primitive=primitive, faces=faces):
+            first = glb.array(primitive['attributes'][attribute])
+            targets = np.array([glb.array(target[attribute]) for target in primitive['targets']])
+            return (first + np.tensordot(weights.reshape(FRAMES, -1), targets, axes=1))[:, faces]
+
+        surface = world.rest_shape(name).surface
+        expected = np.array([positions[name][surface.faces] for positions, _ in core])
+        shown = corners('POSITION')
         assert np.array_equal(shown[0], expected[0].astype(np.float32))
         assert np.abs(shown - expected).max() < 1e-6
+        normals = corners('NORMAL')
+        for index in SOME:
+            expected = expected_normals(surface, core[index][0][name])
+            assert np.abs(normals[index] - expected).max() < 1e-5
         material = glb.json['materials'][primitive['material']]
         assert material['doubleSided'] == (name == 'sheet')
         color = material['pbrMetallicRoughness']['baseColorFactor']
@@ -343,6 +405,8 @@ def test_frames_show_the_nearest_ticks(seconds, fps, ticks):
         ([CONFIG / 'default.yaml', '-o', 'a.abc'], 'a.abc has an unknown suffix: end it with one'),
         ([CONFIG / 'default.yaml', '-o', 'no/a.npz'], 'no/a.npz does not exist: create no'),
         ([CONFIG / 'default.yaml', '-o', 'folder.npz'], 'folder.npz is a folder'),
+        ([CONFIG / 'default.yaml', '-o', 'a.npz', '-o', './a.npz'], 'a.npz is given twice'),
+        (['.'], 'scene . cannot be read: Is a directory'),
         ([CONFIG / 'default.yaml', '--seconds', '-1'], 'seconds is -1: it must be from 0 to'),
         ([CONFIG / 'default.yaml', '--seconds', 'nan'], 'seconds is nan: it must be from 0 to'),
         ([CONFIG / 'default.yaml', '--fps', '0'], 'fps is 0: it must be above 0 and at most 240'),
@@ -389,6 +453,21 @@ def test_unknown_parameters_are_ignored_with_a_warning(run_main, capsys):
     assert os.listdir() == ['default.usdc']
 
 
+def test_a_file_for_another_node_is_the_default_scene_with_a_warning(run_main, capsys, tmp_path):
+    (tmp_path / 'other.yaml').write_text('other: {ros__parameters: {bodies: [a, b]}}')
+    assert run_main('other.yaml', '--seconds', '0', '-p', 'ball.mass:=2', '-o', 'a.npz') == 0
+    warning = 'bake: scene other.yaml has no parameters for /softbody_sim: the default scene is'
+    assert capsys.readouterr().err == f'{warning} baked\n'
+    assert np.load('a.npz')['bodies'].tolist() == ['ball']
+
+
+def test_a_tilde_that_the_shell_left_is_home(run_main, monkeypatch, tmp_path):
+    monkeypatch.setenv('HOME', str(tmp_path / 'home'))
+    (tmp_path / 'home').mkdir()
+    assert run_main(CONFIG / 'default.yaml', '--seconds', '0', '--output=~/a.npz') == 0
+    assert os.listdir(tmp_path / 'home') == ['a.npz']
+
+
 # ------------------------------------------------------------------------------------- whole files
 def test_a_file_is_replaced_when_the_new_one_is_whole(tmp_path):
     path = tmp_path / 'film.npz'
@@ -429,10 +508,12 @@ def test_a_signal_leaves_no_half_file(tmp_path, number):
     assert older.read_text() == 'older'
 
 
-@pytest.mark.parametrize('suffix', list(command.FORMATS))
-def test_a_full_disk_is_one_sentence_and_no_half_file(run_main, capsys, suffix):
+@pytest.mark.parametrize(
+    ('suffix', 'free'), [*((suffix, 20_000) for suffix in command.FORMATS), ('.usdc', 0)]
+)
+def test_a_full_disk_is_one_sentence_and_no_half_file(run_main, capsys, suffix, free):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (free, limits[1]))
     try:
         code = run_main(CONFIG / 'default.yaml', '--seconds', '1', '-o', f'film{suffix}')
     finally:

@@ -24,6 +24,9 @@ other:
     whole: [8, +5, -3, 0, 010, 0x1F]
     doubles: [1e-3, .5, 1., 1E3, 08, -.inf, .NaN]
     large: 99999999999999999999
+    larger: LARGER
+    beyond: 1e999
+    beyond_digits: BEYOND
     texts: [~, null, 1_000, yEs, 2001-01-01, '3', "4", +, e5]
     time: 1:30
     flags: [yes, Y, on, TRUE, n, Off]
@@ -59,14 +62,16 @@ def plain(value):
 
 def test_what_rcl_reads_is_read_likewise(graph, tmp_path):
     path = tmp_path / 'odd.yaml'
-    path.write_text(ODDITIES)
+    path.write_text(
+        ODDITIES.replace('LARGER', '1' + 300 * '0').replace('BEYOND', '1' + 5000 * '0')
+    )
     assignments = ['d:=1e-3', 'e:=[1, 2]', "g:='x'", 'a:=off', 'first:=3', 'h:=[]', 'i:=b:=c']
     arguments = [part for each in assignments for part in ('-p', each)]
     arguments = ['--ros-args', '--params-file', str(path), *arguments]
     node = graph.add(Node('softbody_sim', context=graph.context, cli_args=arguments))
     any_type = ParameterDescriptor(dynamic_typing=True)
     values = read_scene(str(path), assignments)
-    assert len(values) == 21
+    assert len(values) == 24
     # as texts: NaN is not equal to itself, 1 and True are
     for name, value in values.items():
         parameter = node.declare_parameter(name, descriptor=any_type)
@@ -106,6 +111,7 @@ def test_an_empty_file_is_the_default_scene(tmp_path):
         ('/**: {ros__parameters: {a: &x 1, b: *x}}', 'has an alias (*)'),
         ('/**: {ros__parameters: {? [a] : 1}}', 'line 1: a name must be a text'),
         ('/**: {ros__parameters: {a: 1', 'is not YAML: '),
+        ('{a: ' * 2000 + '1' + '}' * 2000, 'is nested too deeply'),
     ],
 )
 def test_refusals_of_files(tmp_path, text, sentence):

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from softbody_ros.bake.film import Film, Writer
+    from softbody_ros.parameters import Scene
 
 USD = ('softbody_ros.bake.usd', 'UsdWriter', 'pxr', 'usd-core')
 GLTF = ('softbody_ros.bake.gltf', 'GltfWriter', 'pygltflib', 'pygltflib')
@@ -45,7 +46,7 @@ interpolated: where the ticks do not divide a frame, it is up to half a tick ear
 is simulated time; time_scale and the rates of topics mean nothing here.
 
 Of a binary USD file only the newest frames are in memory; of .npz all of them, 24 bytes for each
-vertex and frame, of .glb about 60, of .usda 12. A file of the same name is replaced when the new
+vertex and frame, of .glb about 100, of .usda 30. A file of the same name is replaced when the new
 one is whole; after Ctrl-C it is as it was.
 """
 
@@ -69,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
         reason = f'the film cannot be written: {error.strerror or error}'
     except MemoryError:
         reason = 'the film does not fit into memory: take fewer frames or coarser meshes'
-    print('bake:', reason, file=sys.stderr)
+    _warn(reason)
     return 1
 
 
@@ -88,7 +89,7 @@ def _parser() -> argparse.ArgumentParser:
         '--fps', type=float, default=60.0, help='frames a simulated second (default: 60)'
     )
     parser.add_argument(
-        '-o', '--output', metavar='FILE', action='append', type=Path, default=[],
+        '-o', '--output', metavar='FILE', action='append', type=_path, default=[],
         help='may be given several times (default: the name of the scene, here, as .usdc if '
         'usd-core is installed, else as .npz)',
     )  # fmt: skip
@@ -99,10 +100,22 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _path(text: str) -> Path:
+    # a shell does not expand the ~ of --output=~/film.usdc
+    return Path(os.path.expanduser(text))
+
+
 def _run(options: argparse.Namespace) -> int:
+    from softbody_ros.bake.film import Film
+
+    scene = _scene(options)
     outputs = options.output or [_default_output(options.scene)]
     writers = [_writer(path) for path in outputs]
-    film = _film(options)
+    places = [path.resolve() for path in outputs]
+    for path, place in zip(outputs, places, strict=True):
+        if places.count(place) > 1:
+            raise Refusal(f'the output {path} is given twice: give each file its own name')
+    film = Film(scene, options.seconds, options.fps)
     for path in outputs:
         _warn_if_large(path, film)
     signals: list[int] = []
@@ -146,15 +159,16 @@ def _writer(path: Path) -> Any:
     return getattr(importlib.import_module(module), writer)
 
 
-def _film(options: argparse.Namespace) -> Film:
+def _scene(options: argparse.Namespace) -> Scene:
     from softbody_ros import parameters
-    from softbody_ros.bake.film import Film
-    from softbody_ros.scene_file import read_scene
+    from softbody_ros.scene_file import NODE, read_scene
 
+    if not read_scene(options.scene):
+        _warn(f'scene {options.scene} has no parameters for {NODE}: the default scene is baked')
     values, unknown = parameters.known_values(read_scene(options.scene, options.param))
     for name, hint in unknown.items():
-        print(f'bake: parameter {name} is unknown and ignored: {hint}', file=sys.stderr)
-    return Film(parameters.make_scene(values), options.seconds, options.fps)
+        _warn(f'parameter {name} is unknown and ignored: {hint}')
+    return parameters.make_scene(values)
 
 
 def _warn_if_large(path: Path, film: Film) -> None:
@@ -162,12 +176,16 @@ def _warn_if_large(path: Path, film: Film) -> None:
         return
     from softbody_ros.bake.gltf import size
 
-    if size(film) > LARGE_GLB:
-        print(
-            f'bake: {path} will have {size(film) / 1e6:.0f} MB, which viewers load slowly: take '
-            'fewer frames, or .usdc',
-            file=sys.stderr,
+    expected = size(film)
+    if expected > LARGE_GLB:
+        _warn(
+            f'{path} will have {expected / 1e6:.0f} MB, which viewers load slowly: take fewer '
+            'frames, or .usdc'
         )
+
+
+def _warn(sentence: str) -> None:
+    print('bake:', sentence, file=sys.stderr)
 
 
 def _write(film: Film, kinds: list[Any], outputs: list[Path], signals: list[int]) -> None:
@@ -197,11 +215,10 @@ def _write(film: Film, kinds: list[Any], outputs: list[Path], signals: list[int]
 
 
 def _report(film: Film, outputs: list[Path], took: float) -> None:
+    count = len(film.times)
+    what = f'{count} frame{"s" if count > 1 else ""}, {film.seconds:g} s at {film.fps:g} fps'
     for path in outputs:
-        print(
-            f'{path}: {len(film.times)} frames, {film.seconds:g} s at {film.fps:g} fps, '
-            f'{path.stat().st_size / 1e6:.1f} MB'
-        )
+        print(f'{path}: {what}, {path.stat().st_size / 1e6:.1f} MB')
     print(f'baked in {took:.1f} s, {film.seconds / took:.1f} × real time')
 
 

@@ -45,7 +45,7 @@ class Film:
     """
     Frame k shows the tick nearest to the time k / fps: nothing is interpolated.
 
-    The first frame is the start, the last one at `seconds`.
+    The first frame is the start, the last one is that nearest to `seconds`.
 
     Raises
     ------

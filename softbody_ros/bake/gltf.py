@@ -4,7 +4,8 @@
 Films as binary glTF 2.0, float32: y up by a root node that turns the scene, metres.
 
 Each body is a mesh whose morph target k leads from frame 0 to frame k + 1; the animation blends
-from each to the next. Obstacles are meshes, and nodes that move where they do.
+from each to the next. A vertex on a crease is there once for each of its normals. Obstacles are
+meshes, and nodes that move where they do.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import pygltflib
 from pygltflib import GLTF2, Accessor, Attributes, BufferView
 
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
+from softbody_ros.bake.shading import shading
 from softbody_ros.core import ConfigError, Surface
 from softbody_ros.core.obstacle_surface import obstacle_surface
 
@@ -27,8 +29,8 @@ Z_UP_TO_Y_UP = [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
 def size(film: Film) -> int:
     """Return about how many bytes the file of a film will have."""
     frames = len(film.times)
-    vertices = sum(len(film.surface(name).vertices) for name in film.world.names)
-    return 12 * frames * vertices + 4 * frames**2 * len(film.world.names)
+    vertices = sum(len(shading(film.surface(name)).origin) for name in film.world.names)
+    return 24 * frames * vertices + 4 * frames**2 * len(film.world.names)
 
 
 class GltfWriter:
@@ -43,9 +45,10 @@ class GltfWriter:
     """
 
     def __init__(self, path: Path, film: Film) -> None:
-        if size(film) > LARGEST:
+        expected = size(film)
+        if expected > LARGEST:
             raise ConfigError(
-                f'a .glb of {size(film) / 1e9:.1f} GB is more than the format can hold, 4.3 GB: '
+                f'a .glb of {expected / 1e9:.1f} GB is more than the format can hold, 4.3 GB: '
                 'take fewer frames, or .usdc'
             )
         self._path = path
@@ -93,14 +96,19 @@ class _Document:
     def _add_body(self, name: str, film: Film) -> None:
         surface = film.surface(name)
         first, *later = (frame.positions[name] for frame in self._frames)
+        shown = shading(surface)
+        normals, *later_normals = (shown.normals(each) for each in (first, *later))
         material = self._material(name, film.color(name), not surface.closed)
-        mesh = self._mesh(name, first, surface.faces, material)
+        mesh = self._mesh(name, first[shown.origin], normals, shown.faces, material)
         node = pygltflib.Node(name=name, mesh=mesh)
         self.gltf.nodes.append(node)
         if not later:
             return
-        targets = self._accessors([each - first for each in later])
-        self.gltf.meshes[mesh].primitives[0].targets = [Attributes(POSITION=i) for i in targets]
+        moves = self._accessors([(each - first)[shown.origin] for each in later])
+        turns = self._accessors([each - normals for each in later_normals])
+        self.gltf.meshes[mesh].primitives[0].targets = [
+            Attributes(POSITION=move, NORMAL=turn) for move, turn in zip(moves, turns, strict=True)
+        ]
         self.gltf.meshes[mesh].weights = [0.0] * len(later)
         # at frame k + 1 target k and no other
         weights = np.eye(len(self._frames), len(later), k=-1, dtype=np.float32)
@@ -108,7 +116,9 @@ class _Document:
 
     def _add_obstacle(self, name: str, surface: Surface, grey: int) -> None:
         poses = [frame.obstacles[name] for frame in self._frames]
-        mesh = self._mesh(name, surface.vertices.astype(np.float32), surface.faces, grey)
+        shown = shading(surface)
+        vertices = surface.vertices[shown.origin].astype(np.float32)
+        mesh = self._mesh(name, vertices, shown.normals(surface.vertices), shown.faces, grey)
         node = pygltflib.Node(name=name, mesh=mesh)
         node.translation = poses[0].position.tolist()
         node.rotation = list(quaternion(poses[0]))
@@ -130,11 +140,18 @@ class _Document:
         self._animation.samplers.append(sampler)
         self._animation.channels.append(channel)
 
-    def _mesh(self, name: str, vertices: np.ndarray, faces: np.ndarray, material: int) -> int:
-        [position] = self._accessors([vertices])
+    def _mesh(
+        self,
+        name: str,
+        vertices: np.ndarray,
+        normals: np.ndarray,
+        faces: np.ndarray,
+        material: int,
+    ) -> int:
+        [position], [normal] = self._accessors([vertices]), self._accessors([normals])
         corners = faces.astype(np.uint32).ravel()
         primitive = pygltflib.Primitive(
-            attributes=Attributes(POSITION=position),
+            attributes=Attributes(POSITION=position, NORMAL=normal),
             indices=self._accessor(
                 corners, pygltflib.SCALAR, target=pygltflib.ELEMENT_ARRAY_BUFFER
             ),

@@ -4,21 +4,27 @@
 Films as Universal Scene Description, float32: z up, metres, one time code for each frame.
 
 /scene (default prim)
-    bodies/NAME       Mesh: points and extent for each time code, all else once
-    obstacles/NAME    Cube, Sphere, Capsule, Cylinder or Mesh; those that move have moving xforms
+    bodies/NAME       Mesh: points, normals and extent for each time code, all else once
+    obstacles/NAME    Mesh; those that move have moving xforms
     materials/NAME    UsdPreviewSurface of each body, and of the obstacles
+
+Obstacles are meshes too: of Cube, Cylinder and the like Blender drops the material, and makes the
+round ones coarse.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
-from softbody_ros.core import ObstacleConfig, Surface
-from softbody_ros.core.obstacle_surface import obstacle_surface, straight_length
+from softbody_ros.bake.shading import Shading, shading
+from softbody_ros.core import Surface
+from softbody_ros.core.obstacle_surface import obstacle_surface
 from softbody_ros.core.obstacles import Obstacle
 
 ROOT = '/scene'
@@ -32,7 +38,8 @@ class UsdWriter:
     def __init__(self, path: Path, film: Film) -> None:
         self._is_text = path.suffix == '.usda'
         self._waiting = 0
-        self._stage = Usd.Stage.CreateNew(str(path))
+        with _errors_of_files():
+            self._stage = Usd.Stage.CreateNew(str(path))
         _set_metadata(self._stage, film)
         for part in ('', '/bodies', '/obstacles'):
             UsdGeom.Xform.Define(self._stage, ROOT + part)
@@ -48,43 +55,33 @@ class UsdWriter:
     def add(self, frame: Frame) -> None:
         """Take a frame."""
         for name, positions in frame.positions.items():
-            points = positions.astype(np.float32)
-            body, extent = self._bodies[name], [points.min(axis=0), points.max(axis=0)]
-            body.GetPointsAttr().Set(_vectors(points), frame.index)
-            body.GetExtentAttr().Set(_vectors(np.array(extent)), frame.index)
+            self._waiting += self._bodies[name].show(positions, Usd.TimeCode(frame.index))
         for name, obstacle in frame.obstacles.items():
             if obstacle.moves:
                 self._obstacles[name].place(obstacle, Usd.TimeCode(frame.index))
-        self._waiting += sum(12 * len(positions) for positions in frame.positions.values())
         if self._waiting > SAVED_AT_ONCE and not self._is_text:
             self.finish()
 
     def finish(self) -> None:
         """Save what is not saved yet."""
         self._waiting = 0
-        try:
+        with _errors_of_files():
             self._stage.Save()
-        except Tf.ErrorException as error:
-            # a whole list of errors, the first of which is the cause
-            raise OSError(error.args[0].commentary) from None
 
-    def _body(self, film: Film, name: str) -> UsdGeom.Mesh:
-        mesh = UsdGeom.Mesh.Define(self._stage, f'{ROOT}/bodies/{name}')
-        _set_faces(mesh, film.surface(name))
+    def _body(self, film: Film, name: str) -> _Mesh:
         color = film.color(name)
-        _paint(mesh, color, self._material(name, color))
-        return mesh
+        body = _Mesh(self._stage, f'{ROOT}/bodies/{name}', film.surface(name))
+        _paint(body.prim, color, self._material(name, color))
+        return body
 
     def _obstacle(self, obstacle: Obstacle, reach: float, grey: UsdShade.Material) -> _Placed:
         config = obstacle.config
-        shape = _shape(self._stage, f'{ROOT}/obstacles/{config.name}', config, reach)
-        _paint(shape, OBSTACLE_COLOR, grey)
-        placed = _Placed(shape)
+        surface = obstacle_surface(config, reach)
+        shape = _Mesh(self._stage, f'{ROOT}/obstacles/{config.name}', surface)
+        shape.show(surface.vertices, Usd.TimeCode.Default())
+        _paint(shape.prim, OBSTACLE_COLOR, grey)
+        placed = _Placed(shape.prim)
         placed.place(obstacle, Usd.TimeCode.Default())
-        if config.type == 'box':
-            shape.AddScaleOp().Set(Gf.Vec3f(*config.size))
-        extent = UsdGeom.Boundable.ComputeExtentFromPlugins(shape, Usd.TimeCode.Default())
-        shape.GetExtentAttr().Set(extent)
         return placed
 
     def _material(self, name: str, color: tuple[float, ...]) -> UsdShade.Material:
@@ -100,6 +97,32 @@ class UsdWriter:
         return material
 
 
+class _Mesh:
+    """A mesh whose vertices move; its faces stay."""
+
+    def __init__(self, stage: Usd.Stage, path: str, surface: Surface) -> None:
+        faces = surface.faces
+        self.prim = UsdGeom.Mesh.Define(stage, path)
+        self.prim.CreateFaceVertexCountsAttr(
+            Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32))
+        )
+        self.prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.ravel()))
+        self.prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        self.prim.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
+        self.prim.CreateDoubleSidedAttr(not surface.closed)
+        self._shading = shading(surface)
+        self._normals = _normals(self.prim, self._shading)
+
+    def show(self, positions: np.ndarray, time: Usd.TimeCode) -> int:
+        """Set positions (n, 3) and what follows from them; return how many bytes these are."""
+        points, normals = positions.astype(np.float32), self._shading.normals(positions)
+        extent = np.array([points.min(axis=0), points.max(axis=0)])
+        self.prim.GetPointsAttr().Set(_vectors(points), time)
+        self.prim.GetExtentAttr().Set(_vectors(extent), time)
+        self._normals.Set(_vectors(normals), time)
+        return points.nbytes + normals.nbytes
+
+
 class _Placed:
     """The translation and orientation of an obstacle."""
 
@@ -113,6 +136,15 @@ class _Placed:
         self._orientation.Set(Gf.Quatd(w, x, y, z), time)
 
 
+@contextmanager
+def _errors_of_files() -> Iterator[None]:
+    """Raise OSError where USD raises a whole list of errors, the first of which is the cause."""
+    try:
+        yield
+    except Tf.ErrorException as error:
+        raise OSError(error.args[0].commentary) from None
+
+
 def _set_metadata(stage: Usd.Stage, film: Film) -> None:
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
@@ -122,38 +154,18 @@ def _set_metadata(stage: Usd.Stage, film: Film) -> None:
     stage.SetEndTimeCode(len(film.times) - 1)
 
 
-def _shape(stage: Usd.Stage, path: str, config: ObstacleConfig, reach: float) -> UsdGeom.Gprim:
-    radius, _, half_length = config.size
-    if config.type == 'box':
-        cube = UsdGeom.Cube.Define(stage, path)
-        cube.CreateSizeAttr(2.0)
-        return cube
-    if config.type == 'sphere':
-        sphere = UsdGeom.Sphere.Define(stage, path)
-        sphere.CreateRadiusAttr(radius)
-        return sphere
-    if config.type in ('plane', 'mesh'):
-        surface = obstacle_surface(config, reach)
-        mesh = UsdGeom.Mesh.Define(stage, path)
-        _set_faces(mesh, surface)
-        mesh.CreatePointsAttr(_vectors(surface.vertices.astype(np.float32)))
-        return mesh
-    kind = UsdGeom.Capsule if config.type == 'capsule' else UsdGeom.Cylinder
-    length = straight_length(config) if config.type == 'capsule' else 2.0 * half_length
-    prim = kind.Define(stage, path)
-    prim.CreateAxisAttr(UsdGeom.Tokens.z)
-    prim.CreateRadiusAttr(radius)
-    prim.CreateHeightAttr(length)
-    return prim
-
-
-def _set_faces(mesh: UsdGeom.Mesh, surface: Surface) -> None:
-    faces = surface.faces
-    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
-    mesh.CreateDoubleSidedAttr(not surface.closed)
+def _normals(mesh: UsdGeom.Mesh, shared: Shading) -> UsdGeom.Primvar:
+    """Return the primvar for normals: of vertices, or where there are creases of corners."""
+    has_creases = len(shared.origin) > len(np.unique(shared.origin))
+    tokens = UsdGeom.Tokens
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        'normals',
+        Sdf.ValueTypeNames.Normal3fArray,
+        tokens.faceVarying if has_creases else tokens.vertex,
+    )
+    if has_creases:
+        primvar.SetIndices(Vt.IntArray.FromNumpy(shared.faces.astype(np.int32).ravel()))
+    return primvar
 
 
 def _paint(shape: UsdGeom.Gprim, color: tuple[float, ...], material: UsdShade.Material) -> None:

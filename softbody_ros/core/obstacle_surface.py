@@ -42,13 +42,8 @@ def _round_or_box(config: ObstacleConfig) -> trimesh.Trimesh:
     if config.type == 'cylinder':
         return trimesh.creation.cylinder(radius, 2.0 * half, 2 * SECTIONS)
     if config.type == 'capsule':
-        shape = trimesh.creation.capsule(straight_length(config), radius, [SECTIONS, SECTIONS])
+        straight = 2.0 * max(half - radius, 0.0)
+        shape = trimesh.creation.capsule(straight, radius, [SECTIONS, SECTIONS])
         shape.apply_translation(-shape.bounds.mean(axis=0))
         return shape
     return trimesh.creation.box(2.0 * np.array(config.size))
-
-
-def straight_length(capsule: ObstacleConfig) -> float:
-    """Return the length of a capsule without its caps, m."""
-    radius, _, half = capsule.size
-    return 2.0 * max(half - radius, 0.0)
