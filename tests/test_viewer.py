@@ -325,8 +325,22 @@ def test_wrong_arguments_are_refused_in_one_sentence(arguments, sentence):
     assert sentence in run.stderr
 
 
+def test_an_address_for_all_machines_is_said_as_one_that_opens(graph):
+    viewer = graph.process(
+        '--host',
+        '0.0.0.0',
+        '--port',
+        str(browser_of_tests.free_port()),
+        module='softbody_ros.viewer',
+    )
+    line = viewer.stderr.readline()
+    address = re.search(r'open (http://127\.0\.0\.1:\d+) in a browser, elsewhere', line)
+    with urllib.request.urlopen(address[1]) as page:
+        assert page.status == 200
+
+
 def test_the_node_brings_its_viewer_along(graph):
-    node = graph.process('--viewer')
+    node = graph.process('--ros-args', '-p', 'ball.subdivisions:=1', '--viewer')
     lines = iter(node.stderr.readline, '')
     address = next(
         filter(None, (re.search(r'open (http://127\.0\.0\.1:\d+)', line) for line in lines))

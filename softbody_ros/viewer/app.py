@@ -322,6 +322,12 @@ def _rgba(color: Any) -> tuple[int, int, int, int]:
     return red, green, blue, alpha
 
 
+def _page_address(host: str, port: int) -> str:
+    if host == '0.0.0.0':  # all addresses of this machine: none that a browser can open
+        return f'http://127.0.0.1:{port} in a browser, elsewhere with the address of this machine'
+    return f'http://{host}:{port} in a browser'
+
+
 def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.Event) -> int:
     """Serve until `stop` is set; an address that cannot be had is one sentence and exit code 1."""
     try:
@@ -336,9 +342,8 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
     try:
         rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = Viewer(server, options.node, options.rate)
-        node.get_logger().info(
-            f'open http://{options.host}:{server.get_port()} in a browser; it shows {options.node}'
-        )
+        address = _page_address(options.host, server.get_port())
+        node.get_logger().info(f'open {address}; it shows {options.node}')
         _spin(node, stop)
     except (ParameterException, RuntimeError) as error:
         print('viewer:', ' '.join(str(error).split()), file=sys.stderr)
