@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The viewer as people use it: a real browser, a real node, each a process of its own."""
 
+import contextlib
 import io
 import os
 import re
@@ -323,6 +324,24 @@ def test_wrong_arguments_are_refused_in_one_sentence(arguments, sentence):
     )
     assert run.returncode == 2
     assert sentence in run.stderr
+
+
+@pytest.mark.parametrize(
+    ('host', 'reason'),
+    [('192.0.2.1', 'Cannot assign requested address'), ('127.0.0.1', 'Address already in use')],
+)
+def test_an_address_that_cannot_be_had_is_one_sentence(host, reason):
+    with socket.socket() as taken:
+        with contextlib.suppress(OSError):  # the last port: taken already, or here
+            taken.bind(('127.0.0.1', 65535))
+            taken.listen()
+        run = subprocess.run(
+            [sys.executable, '-m', 'softbody_ros.viewer', '--host', host, '--port', '65535'],
+            capture_output=True, text=True, timeout=30,
+        )  # fmt: skip
+    assert run.returncode == 1
+    assert f'{host} port 65535 cannot be served at: {reason}' in run.stderr
+    assert len(run.stderr.splitlines()) == 1
 
 
 def test_an_address_for_all_machines_is_said_as_one_that_opens(graph):
