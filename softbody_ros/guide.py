@@ -107,7 +107,7 @@ def _ways_to_see(node: str) -> str:
     if importlib.util.find_spec('viser') is None:
         web = f"`{command}` in a browser, after {_command('pip')} install '.[viewer]'"
     else:
-        web = f'`{command}` opens http://127.0.0.1:8080'
+        web = f'`{command}`, then http://127.0.0.1:8080 in a browser'
     if node != NODE:
         # the layout of RViz has the topics of the node's usual name
         return web.replace(command, f'{command} --node {node}')

@@ -477,9 +477,17 @@ def run(stop: threading.Event) -> int:
     if {'-h', '--help'} & set(sys.argv[1:]):
         print(guide.help_text())
         return 0
+    arguments = [argument for argument in sys.argv if argument != '--viewer']
+    if len(arguments) > 1 and arguments[1] != '--ros-args':
+        print(
+            f'softbody_sim: the argument {arguments[1]} is unknown: give --viewer, or --ros-args '
+            'and what ROS is to read; see --help',
+            file=sys.stderr,
+        )
+        return 1
     try:
         # rclpy's own handlers would take the context away in the middle of a callback
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = SimNode()
     except (ConfigError, MeshError, ParameterException, RuntimeError) as error:
         rclpy.try_shutdown()

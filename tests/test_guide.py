@@ -82,6 +82,14 @@ def test_help_of_the_command_names_scenes_that_exist(graph):
         assert (guide.config_folder() / name).is_file()
 
 
+def test_arguments_that_would_be_ignored_are_refused(graph):
+    process = graph.process('--params-file', 'scene.yaml')  # without --ros-args
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert 'the argument --params-file is unknown' in errors
+    assert '--ros-args' in errors and len(errors.splitlines()) == 1
+
+
 @pytest.mark.parametrize('installed', [False, True])
 def test_the_viewer_is_offered_or_how_to_get_it(monkeypatch, installed):
     found = object() if installed else None

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The viewer as people use it: a real browser, a real node, each a process of its own."""
 
+import contextlib
 import io
 import os
 import re
@@ -325,8 +326,40 @@ def test_wrong_arguments_are_refused_in_one_sentence(arguments, sentence):
     assert sentence in run.stderr
 
 
+@pytest.mark.parametrize(
+    ('host', 'reason'),
+    [('192.0.2.1', 'Cannot assign requested address'), ('127.0.0.1', 'Address already in use')],
+)
+def test_an_address_that_cannot_be_had_is_one_sentence(host, reason):
+    with socket.socket() as taken:
+        with contextlib.suppress(OSError):  # the last port: taken already, or here
+            taken.bind(('127.0.0.1', 65535))
+            taken.listen()
+        run = subprocess.run(
+            [sys.executable, '-m', 'softbody_ros.viewer', '--host', host, '--port', '65535'],
+            capture_output=True, text=True, timeout=30,
+        )  # fmt: skip
+    assert run.returncode == 1
+    assert f'{host} port 65535 cannot be served at: {reason}' in run.stderr
+    assert len(run.stderr.splitlines()) == 1
+
+
+def test_an_address_for_all_machines_is_said_as_one_that_opens(graph):
+    viewer = graph.process(
+        '--host',
+        '0.0.0.0',
+        '--port',
+        str(browser_of_tests.free_port()),
+        module='softbody_ros.viewer',
+    )
+    line = viewer.stderr.readline()
+    address = re.search(r'open (http://127\.0\.0\.1:\d+) in a browser, elsewhere', line)
+    with urllib.request.urlopen(address[1]) as page:
+        assert page.status == 200
+
+
 def test_the_node_brings_its_viewer_along(graph):
-    node = graph.process('--viewer')
+    node = graph.process('--ros-args', '-p', 'ball.subdivisions:=1', '--viewer')
     lines = iter(node.stderr.readline, '')
     address = next(
         filter(None, (re.search(r'open (http://127\.0\.0\.1:\d+)', line) for line in lines))

@@ -39,7 +39,7 @@ output:
   .usdc .usda .usd  USD for Maya, Blender, Houdini, Omniverse, usdview: z up, metres
   .glb              glTF for the web, a morph target for each frame: y up, metres
   .npz              NumPy, to the last bit of the simulation
-USD needs usd-core, glTF pygltflib: pip install 'softbody_ros[bake]' has both
+USD needs usd-core, glTF pygltflib: in the clone, pip install '.[bake]' gets both
 
 Frame k shows the tick of the scene (time_step) that is nearest to the time k / fps. Nothing is
 interpolated: where the ticks do not divide a frame, it is up to half a tick early or late. Time
@@ -154,7 +154,7 @@ def _writer(path: Path) -> Any:
     if importlib.util.find_spec(needed) is None:
         raise Refusal(
             f'{path.suffix} needs {package}, which is not installed: pip install {package} '
-            "(or 'softbody_ros[bake]' for all formats), or bake an .npz"
+            "(or, in the clone, '.[bake]' for all formats), or bake an .npz"
         )
     return getattr(importlib.import_module(module), writer)
 

@@ -7,7 +7,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 import contextlib
+import errno
 import io
+import os
+import socket
 import sys
 import threading
 import time
@@ -322,10 +325,35 @@ def _rgba(color: Any) -> tuple[int, int, int, int]:
     return red, green, blue, alpha
 
 
+def _free_port(host: str, port: int) -> int:
+    """
+    Return the first port from this one on that can be served at.
+
+    viser tries one after the other for ever, whatever the reason that it cannot have them.
+    """
+    family = socket.AF_INET6 if ':' in host else socket.AF_INET
+    for candidate in range(port, 65536):
+        with socket.socket(family) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+            try:
+                probe.bind((host, candidate))
+                return candidate
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+    raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE))
+
+
+def _page_address(host: str, port: int) -> str:
+    if host == '0.0.0.0':  # all addresses of this machine: none that a browser can open
+        return f'http://127.0.0.1:{port} in a browser, elsewhere with the address of this machine'
+    return f'http://{f"[{host}]" if ":" in host else host}:{port} in a browser'
+
+
 def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.Event) -> int:
     """Serve until `stop` is set; an address that cannot be had is one sentence and exit code 1."""
     try:
-        server = PageServer(options.host, options.port)
+        server = PageServer(options.host, _free_port(options.host, options.port))
     except OSError as error:
         print(
             f'viewer: {options.host} port {options.port} cannot be served at: {error.strerror}; '
@@ -336,9 +364,8 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
     try:
         rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = Viewer(server, options.node, options.rate)
-        node.get_logger().info(
-            f'open http://{options.host}:{server.get_port()} in a browser; it shows {options.node}'
-        )
+        address = _page_address(options.host, server.get_port())
+        node.get_logger().info(f'open {address}; it shows {options.node}')
         _spin(node, stop)
     except (ParameterException, RuntimeError) as error:
         print('viewer:', ' '.join(str(error).split()), file=sys.stderr)
