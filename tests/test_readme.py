@@ -32,7 +32,7 @@ def program(graph, tmp_path):
         (code,) = re.findall(rf'```python\n(# {name}: .*?)```', README, re.S)
         printed = tmp_path / name
         process = subprocess.Popen(
-            [sys.executable, '-c', code], env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)},
+            [sys.executable, '-u', '-c', code], env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)},
             stdout=printed.open('w'), stderr=subprocess.STDOUT,
         )  # fmt: skip
         started.append(process)
@@ -47,7 +47,7 @@ def program(graph, tmp_path):
 def test_the_subscriber_sees_the_ball_fall(graph, program):
     printed = program('subscribe')
     graph.sim_node(**SMALL)
-    line = re.compile(r'42 vertices, the lowest at (\S+) m, the most displaced by (\S+) m')
+    line = re.compile(r'42 vertices, lowest (\S+) m, displaced (\S+) m')
     graph.spin_until(lambda: line.search(printed.read_text()), 'a first line')
     graph.call(Trigger, f'{SIM}/reset')  # it may have fallen before anybody looked
 
