@@ -32,7 +32,8 @@ def program(graph, tmp_path):
         (code,) = re.findall(rf'```python\n(# {name}: .*?)```', README, re.S)
         printed = tmp_path / name
         process = subprocess.Popen(
-            [sys.executable, '-u', '-c', code], env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)},
+            [sys.executable, '-u', '-c', code],
+            env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)},
             stdout=printed.open('w'), stderr=subprocess.STDOUT,
         )  # fmt: skip
         started.append(process)
