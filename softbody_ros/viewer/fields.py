@@ -32,6 +32,7 @@ TYPES = {
     *LISTS,
 }
 """Types of parameters that can be shown."""
+JOINER, NO_BREAK = '\u2060', '\u00a0'
 _UNIT = re.compile(r' \[([^\]]+)\]$')
 
 
@@ -118,6 +119,16 @@ def to_widget(field: Field, value: Any) -> Any:
     return value
 
 
+def can_show(field: Field, value: Any) -> bool:
+    """Whether a widget that has been made for a field can show a value of the field's type."""
+    if field.kind in ('slider', 'number'):
+        return math.isfinite(value)
+    if field.kind in ('vector', 'color'):
+        count = 3 if field.kind == 'vector' else 4
+        return len(value) == count and all(map(math.isfinite, value))
+    return field.kind != 'choice' or value in field.choices
+
+
 def from_widget(field: Field, value: Any) -> Any:
     """
     Return what a widget shows as the parameter's value.
@@ -191,7 +202,9 @@ def sections(
 def label(field: Field, section: Section) -> str:
     """Return the words beside a widget: without those that its folder says."""
     word = field.name.removeprefix(section.prefix).replace('.', ' ').replace('_', ' ')
-    return f'{word} [{field.unit}]' if field.unit else word
+    # a long label is broken before the unit, not in it
+    unit = field.unit.replace('/', f'{JOINER}/{JOINER}').replace(' ', NO_BREAK)
+    return f'{word} [{unit}]' if unit else word
 
 
 def decimals(step: float) -> int:

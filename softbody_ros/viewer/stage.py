@@ -82,7 +82,7 @@ class Stage:
 
     def show(self, frame: Frame, most: float | None) -> None:
         """Show the bodies, by displacements up to `most`, m, or else in their own colours."""
-        if self._surface is None or not self._surface.fits(frame):
+        if self._surface is None or not self._surface.fits(frame) or not self._surface.faces.size:
             return
         with self._server.atomic():
             if most is None:
@@ -126,7 +126,7 @@ class Stage:
     # ----------------------------------------------------------------------------- the obstacles
     def set_obstacles(self, markers: Iterable[Marker]) -> None:
         """Show what is in the way; planes are grids. What has only moved is moved."""
-        shown = {(m.ns, m.id): m for m in markers if m.action == Marker.ADD}
+        shown = {(m.ns, m.id): m for m in markers if m.action == Marker.ADD and _has_form(m)}
         for key, (look, node) in list(self._obstacles.items()):
             if key not in shown or look != _look(shown[key]):
                 node.remove()
@@ -146,7 +146,7 @@ class Stage:
         if marker.text == 'plane':
             return self._scene.add_grid(name, plane_opacity=1.0, **GRID, **pose)
         color = marker.color
-        rgb = tuple(round(255.0 * item) for item in (color.r, color.g, color.b))
+        rgb = frames.to_bytes((color.r, color.g, color.b))
         look: dict[str, Any] = {'color': rgb if color.a > 0.0 else NO_COLOR, **pose}
         if 0.0 < color.a < 1.0:
             look['opacity'] = color.a
@@ -164,6 +164,13 @@ class Stage:
         return self._scene.add_mesh_simple(
             name, size * corners, faces, flat_shading=True, side='double', **look
         )
+
+
+def _has_form(marker: Marker) -> bool:
+    """Whether it is somewhere, and of some size."""
+    (place, turn), size, color = _pose(marker), marker.scale, marker.color
+    numbers = [*place, *turn, size.x, size.y, size.z, color.r, color.g, color.b, color.a]
+    return bool(np.isfinite(numbers).all() and any(turn) and min(size.x, size.y, size.z) > 0.0)
 
 
 def _pose(marker: Marker) -> tuple[Any, Any]:
