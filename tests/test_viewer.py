@@ -292,12 +292,12 @@ def test_a_node_that_goes_is_missed_and_one_that_comes_is_shown(show):
     show.graph.process(
         '--ros-args', '-p', 'bodies:=[ball, other]', '-p', 'ball.stiffness:=0.125',
         '-p', 'ball.subdivisions:=2', '-p', 'other.subdivisions:=1',
-        '-p', 'other.position:=[0.0, 2.0, 1.0]',
+        '-p', 'ball.position:=[30.0, 0.0, 1.5]', '-p', 'other.position:=[30.0, 2.0, 1.0]',
     )  # fmt: skip
     show.says('204 vertices')
     expect(show.number('stiffness')).to_have_value('0.125', timeout=20_000)
     expect(button(show, 'Reset')).to_be_enabled()
-    show.graph.spin_until(lambda: show.height(), 'the other ball')
+    show.graph.spin_until(lambda: show.height(), 'the other ball, far from where the first was')
 
 
 def test_of_several_bodies_the_chosen_one_is_steered(show):

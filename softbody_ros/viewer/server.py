@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import contextlib
 import io
 import ipaddress
+import logging
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -26,6 +27,8 @@ class PageServer(viser.ViserServer):
     """
 
     def __init__(self, host: str, port: int) -> None:
+        # browsers open connections in advance, and leave them: nothing to be told with a traceback
+        logging.getLogger('websockets.server').setLevel(logging.CRITICAL)
         self._is_local = ipaddress.ip_address(host).is_loopback
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(host, port, verbose=False)

@@ -22,6 +22,8 @@ GRID: dict[str, Any] = {
 }  # fmt: skip
 NO_COLOR = (200, 204, 212)
 """Of a marker without a colour."""
+FAR = 1e9
+"""Metres beyond which nothing is shown."""
 
 
 class Stage:
@@ -64,8 +66,9 @@ class Stage:
         camera = self._server.initial_camera
         camera.fov, camera.look_at, camera.position = 0.8, centre, place
         for client in self._server.get_clients().values():
-            client.camera.fov, client.camera.look_at = 0.8, centre
+            # in this order: to place a camera moves what it looks at along
             client.camera.position = place
+            client.camera.fov, client.camera.look_at = 0.8, centre
 
     def set_bodies(self, surface: Surface, body: np.ndarray, colors: list) -> None:
         """Show other bodies, or in other colours: (4,) of 0 … 255 for each."""
@@ -160,6 +163,7 @@ class Stage:
                 name, size[0] / 2.0, size[2], radial_segments=64, **look
             )
         corners = np.array([(p.x, p.y, p.z) for p in marker.points], float).reshape(-1, 3)
+        corners = corners[(np.abs(corners) <= FAR).all(axis=-1)]
         faces = np.arange(len(corners) // 3 * 3).reshape(-1, 3)
         return self._scene.add_mesh_simple(
             name, size * corners, faces, flat_shading=True, side='double', **look
@@ -170,7 +174,8 @@ def _has_form(marker: Marker) -> bool:
     """Whether it is somewhere, and of some size."""
     (place, turn), size, color = _pose(marker), marker.scale, marker.color
     numbers = [*place, *turn, size.x, size.y, size.z, color.r, color.g, color.b, color.a]
-    return bool(np.isfinite(numbers).all() and any(turn) and min(size.x, size.y, size.z) > 0.0)
+    is_near = (np.abs(numbers) <= FAR).all()  # what is not a number is not
+    return bool(is_near and any(turn) and min(size.x, size.y, size.z) > 0.0)
 
 
 def _pose(marker: Marker) -> tuple[Any, Any]:
