@@ -76,9 +76,7 @@ class Show:
 
     def row(self, label):
         """Return the row of the panel with a label."""
-        # units hold together by signs of no width
-        pattern = re.escape(label).replace('/', '\u2060?/\u2060?')
-        words = self.page.locator('label', has_text=re.compile(f'^{pattern}$'))
+        words = self.page.locator('label', has_text=re.compile(f'^{re.escape(label)}$'))
         return words.locator('xpath=ancestor::p/../..')
 
     def number(self, label, index=0):

@@ -32,7 +32,6 @@ TYPES = {
     *LISTS,
 }
 """Types of parameters that can be shown."""
-JOINER, NO_BREAK = '\u2060', '\u00a0'
 _UNIT = re.compile(r' \[([^\]]+)\]$')
 
 
@@ -202,9 +201,7 @@ def sections(
 def label(field: Field, section: Section) -> str:
     """Return the words beside a widget: without those that its folder says."""
     word = field.name.removeprefix(section.prefix).replace('.', ' ').replace('_', ' ')
-    # a long label is broken before the unit, not in it
-    unit = field.unit.replace('/', f'{JOINER}/{JOINER}').replace(' ', NO_BREAK)
-    return f'{word} [{unit}]' if unit else word
+    return f'{word} [{field.unit}]' if field.unit else word
 
 
 def decimals(step: float) -> int:
