@@ -23,7 +23,10 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
+import viser
 from visualization_msgs.msg import Marker, MarkerArray
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 from softbody_ros.messages import POINT_TYPE
 
@@ -99,7 +102,10 @@ def show(browser):
     graph.spin_until(lambda: result.height(), 'a ball in the view')
     yield result
     result.page.close()
+    result.viewer.send_signal(signal.SIGINT)
+    _, errors = result.viewer.communicate(timeout=30)
     graph.close()
+    assert 'failed' not in errors
 
 
 def heights(cloud):
@@ -162,6 +168,7 @@ def test_a_slider_sets_the_parameter_of_the_node(show):
         '0',
         '1',
     )
+    thumb.scroll_into_view_if_needed()
     track = show.row('stiffness').locator('.mantine-Slider-track').bounding_box()
     middle = track['y'] + track['height'] / 2
     show.page.mouse.move(track['x'] + 0.5 * track['width'], middle)
@@ -266,17 +273,51 @@ def test_it_binds_to_this_machine_only(show):
         other.connect(('127.0.0.2', show.port))
 
 
+def test_pages_of_others_cannot_steer(show):
+    # as what any page in the browser of the same person might try
+    with connect(
+        f'ws://127.0.0.1:{show.port}', origin='http://elsewhere.example',
+        subprotocols=[f'viser-v{viser.__version__}'],
+    ) as other, pytest.raises(ConnectionClosed, match='only the page of this server'):  # fmt: skip
+        other.recv(timeout=10.0)
+
+
 # ---------------------------------------------------------------------------- nodes come and go
 def test_a_node_that_goes_is_missed_and_one_that_comes_is_shown(show):
     show.says('642 vertices')
     show.simulation.send_signal(signal.SIGKILL)  # without a word
     show.says('is gone')
     expect(button(show, 'Reset')).to_be_disabled()
-    show.graph.process('--ros-args', '-p', 'ball.subdivisions:=2', '-p', 'ball.stiffness:=0.125')
-    show.says('162 vertices')
+    show.graph.process(
+        '--ros-args', '-p', 'bodies:=[ball, other]', '-p', 'ball.stiffness:=0.125',
+        '-p', 'ball.subdivisions:=2', '-p', 'other.subdivisions:=1',
+        '-p', 'ball.position:=[30.0, 0.0, 1.5]', '-p', 'other.position:=[30.0, 2.0, 1.0]',
+    )  # fmt: skip
+    show.says('204 vertices')
     expect(show.number('stiffness')).to_have_value('0.125', timeout=20_000)
     expect(button(show, 'Reset')).to_be_enabled()
-    show.graph.spin_until(lambda: show.height(), 'the other ball')
+    show.graph.spin_until(lambda: show.height(), 'the other ball, far from where the first was')
+
+
+def test_of_several_bodies_the_chosen_one_is_steered(show):
+    assert show.graph.set_parameter(SIM, 'other.stiffness', 0.75).successful
+
+    def choose(body):
+        show.row('body').locator('input').first.click()
+        show.page.get_by_role('option', name=body, exact=True).click()
+
+    choose('other')
+    expect(show.number('stiffness')).to_have_value('0.75', timeout=20_000)
+    show.number('stiffness').fill('0.625')
+    show.number('stiffness').press('Enter')
+    show.graph.spin_until(lambda: show.parameter('other.stiffness') == 0.625)
+    assert show.parameter('ball.stiffness') == 0.125
+    # what is not shown is kept up to date
+    assert show.graph.set_parameter(SIM, 'ball.stiffness', 0.375).successful
+    assert show.graph.set_parameter(SIM, 'other.stiffness', 0.5).successful
+    expect(show.number('stiffness')).to_have_value('0.5', timeout=20_000)
+    choose('ball')
+    expect(show.number('stiffness')).to_have_value('0.375', timeout=20_000)
 
 
 def test_messages_alone_are_shown_as_of_a_bag(show, browser, graph):
@@ -358,7 +399,8 @@ def test_an_address_for_all_machines_is_said_as_one_that_opens(graph):
         assert page.status == 200
 
 
-def test_the_node_brings_its_viewer_along(graph):
+@pytest.mark.parametrize('end', [signal.SIGINT, signal.SIGKILL])
+def test_the_node_brings_its_viewer_along(graph, end):
     node = graph.process('--ros-args', '-p', 'ball.subdivisions:=1', '--viewer')
     lines = iter(node.stderr.readline, '')
     address = next(
@@ -366,9 +408,9 @@ def test_the_node_brings_its_viewer_along(graph):
     )
     with urllib.request.urlopen(address[1]) as page:
         assert page.status == 200
-    node.send_signal(signal.SIGINT)
+    node.send_signal(end)
     _, errors = node.communicate(timeout=30)  # until both have closed it
-    assert node.returncode == 0, errors
+    assert node.returncode == (0 if end == signal.SIGINT else -end), errors
     assert 'Traceback' not in errors
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(address[1])

@@ -14,7 +14,7 @@ import trimesh
 
 from softbody_ros import messages, parameters
 from softbody_ros.core import make_surface
-from softbody_ros.viewer import fields, frames, glb
+from softbody_ros.viewer import fields, frames, glb, server
 
 BALL = make_surface('icosphere', 0.5, 3)
 
@@ -76,6 +76,13 @@ def test_clouds_of_others_are_refused():
     message.width = 3
     with pytest.raises(frames.FrameError, match='cut off: 40 bytes for 3 points'):
         frames.frame(message)
+    for step in (0, 16, 2**31):
+        message.point_step = step
+        with pytest.raises(frames.FrameError, match=f'no room for its fields: point_step {step}'):
+            frames.frame(message)
+    message.is_bigendian = True
+    with pytest.raises(frames.FrameError, match='big-endian'):
+        frames.frame(message)
 
 
 @pytest.mark.parametrize('triangles', [0, 1, 2, len(BALL.faces)])
@@ -99,6 +106,21 @@ def test_broken_surfaces_are_refused():
         with pytest.raises(frames.FrameError):
             frames.surface(data[:length])
     assert frames.surface(serialize_message(Mesh())).vertices.shape == (0, 3)
+    for nowhere in (np.nan, -np.inf, 1e308):
+        with pytest.raises(frames.FrameError, match='not finite'):
+            frames.surface(serialize_message(Mesh(vertices=[Point(x=nowhere)])))
+
+
+def test_another_scene_is_elsewhere_the_same_one_finer_is_not():
+    ball, finer = surface(), surface(make_surface('icosphere', 0.5, 4).vertices)
+    assert finer.is_where(ball)
+    assert not surface(BALL.vertices + [0.0, 0.0, 1.0]).is_where(ball)
+    assert not surface(3.0 * BALL.vertices).is_where(ball)
+    assert not ball.is_where(None)
+
+
+def test_colours_beyond_the_range_are_cut():
+    assert frames.to_bytes([np.nan, -1.0, 0.5, np.inf]) == (0, 0, 128, 255)
 
 
 def test_parts_are_the_colours_however_many_bodies():
@@ -213,6 +235,22 @@ def test_narrow_ranges_are_shown_whole():
     assert fields.slider_range(described()['ball.stiffness'][0], 0.1)[:2] == (0.0, 1.0)
 
 
+@pytest.mark.parametrize(
+    ('name', 'good', 'bad'),
+    [
+        ('ball.stiffness', 0.5, np.nan),
+        ('ball.mode', 'rigid', 'stiff'),
+        ('gravity.direction', [0.0, 0.0, 1.0], [0.0, np.inf, 0.0]),
+        ('gravity.direction', [0.0, 0.0, 1.0], [0.0, 1.0]),
+        ('ball.color', [0.0, 0.0, 1.0, 1.0], [0.0, 1.0, 0.0]),
+    ],
+)
+def test_what_a_widget_cannot_show_is_told(name, good, bad):
+    field, _ = described()[name]
+    assert fields.can_show(field, good)
+    assert not fields.can_show(field, bad)
+
+
 def test_lists_are_typed_with_commas():
     field, _ = described()['ball.pins.indices']
     assert fields.from_widget(field, ' [1, 2  3,4]') == [1, 2, 3, 4]
@@ -235,3 +273,24 @@ def test_sections_are_grouped_as_in_the_original_and_hold_every_parameter_once()
     assert fields.label(described()['poke.radius'][0], rest) == 'poke radius [m]'
     everything = [gravity, rest, main, velocity, more, *obstacles['ground']]
     assert sorted(sum((section.names for section in everything), ())) == sorted(names)
+
+
+# ----------------------------------------------------------------------------------------- server
+@pytest.mark.parametrize(
+    ('origin', 'host', 'is_own', 'is_own_elsewhere'),
+    [
+        ('http://127.0.0.1:8080', '127.0.0.1:8080', True, True),
+        ('http://localhost:9000', 'localhost:9000', True, True),
+        ('http://[::1]:8080', '[::1]:8080', True, True),
+        ('http://127.0.0.1:3000', '127.0.0.1:8080', False, False),
+        ('http://evil.example', '127.0.0.1:8080', False, False),
+        ('null', '127.0.0.1:8080', False, False),
+        # a name that somebody has had resolved to this machine; for others it may be its name
+        ('http://robot.example:8080', 'robot.example:8080', False, True),
+        (None, '127.0.0.1:8080', True, True),
+    ],
+)
+def test_only_the_page_of_the_server_is_its_own(origin, host, is_own, is_own_elsewhere):
+    headers = {'Host': host} | ({} if origin is None else {'Origin': origin})
+    assert server.is_own_page(headers, is_local=True) == is_own
+    assert server.is_own_page(headers, is_local=False) == is_own_elsewhere

@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import ipaddress
+import os
 import re
 import signal
 import sys
@@ -47,9 +48,19 @@ def main() -> int:
             print(f'viewer: the module {module} is not installed: {remedy}', file=sys.stderr)
             return 1
 
+    if options.until_eof:
+        threading.Thread(target=_wait_for_eof, args=(stop,), daemon=True).start()
+
     from softbody_ros.viewer.app import run
 
     return run(options, arguments[split:], stop)
+
+
+def _wait_for_eof(stop: threading.Event) -> None:
+    # not sys.stdin.read: a thread that holds its lock at the end is a fatal error
+    while os.read(0, 1024):
+        pass
+    stop.set()
 
 
 def parser() -> argparse.ArgumentParser:
@@ -77,6 +88,9 @@ def parser() -> argparse.ArgumentParser:
         '--rate', default=30.0, type=_rate, metavar='HZ',
         help='pictures a second, at most [%(default)g]',
     )  # fmt: skip
+    result.add_argument(
+        '--until-eof', action='store_true', help='end when the standard input ends'
+    )
     return result
 
 

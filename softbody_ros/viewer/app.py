@@ -6,9 +6,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-import contextlib
 import errno
-import io
 import os
 import socket
 import sys
@@ -40,6 +38,7 @@ from softbody_ros.viewer.fields import Field
 from softbody_ros.viewer.frames import Frame, FrameError, Surface
 from softbody_ros.viewer.panel import Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
+from softbody_ros.viewer.server import PageServer
 from softbody_ros.viewer.stage import Stage
 
 SILENCE = 3.0
@@ -50,22 +49,6 @@ MEMORY = 5.0
 """Seconds for which the legend remembers the largest displacement."""
 LEGEND_ENDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-class PageServer(viser.ViserServer):
-    """viser's server, quiet, which no page can have shared with the rest of the world."""
-
-    def __init__(self, host: str, port: int) -> None:
-        with contextlib.redirect_stdout(io.StringIO()):
-            super().__init__(host, port, verbose=False)
-
-    def request_share_url(self, verbose: bool = True) -> None:
-        """Refuse to open a tunnel to a public address."""
-
-    def stop(self) -> None:
-        """Close the pages."""
-        with contextlib.redirect_stdout(io.StringIO()):
-            super().stop()
 
 
 class Viewer(Node):
@@ -136,7 +119,7 @@ class Viewer(Node):
         except FrameError as error:
             self._problem = f'{self._target}/rest_mesh: {error}'
             return
-        if self._surface is None and len(surface.vertices):
+        if len(surface.vertices) and not surface.is_where(self._surface):
             self._stage.look_at(surface)
         # if there was one already, it may be of another node of this name
         self._is_outdated = self._surface is not None
@@ -321,7 +304,7 @@ def _palette(index: int) -> tuple[int, int, int, int]:
 def _rgba(color: Any) -> tuple[int, int, int, int]:
     if color is None or len(color) != 4:
         return _palette(0)
-    red, green, blue, alpha = (round(255.0 * item) for item in color)
+    red, green, blue, alpha = frames.to_bytes(color)
     return red, green, blue, alpha
 
 

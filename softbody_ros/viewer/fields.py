@@ -118,6 +118,16 @@ def to_widget(field: Field, value: Any) -> Any:
     return value
 
 
+def can_show(field: Field, value: Any) -> bool:
+    """Whether a widget that has been made for a field can show a value of the field's type."""
+    if field.kind in ('slider', 'number'):
+        return math.isfinite(value)
+    if field.kind in ('vector', 'color'):
+        count = 3 if field.kind == 'vector' else 4
+        return len(value) == count and all(map(math.isfinite, value))
+    return field.kind != 'choice' or value in field.choices
+
+
 def from_widget(field: Field, value: Any) -> Any:
     """
     Return what a widget shows as the parameter's value.

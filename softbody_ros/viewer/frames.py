@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 import struct
@@ -51,7 +52,7 @@ def frame(cloud: Any) -> Frame:
     Raises
     ------
     FrameError
-        if it has not the fields of `~/points`.
+        if it has not the fields of `~/points`, or is cut off.
 
     """
     offsets = {
@@ -60,8 +61,12 @@ def frame(cloud: Any) -> Frame:
         if item.datatype == (UINT32 if item.name == 'body' else FLOAT32)
     }
     missing = [name for name in FIELD_TYPES if name not in offsets]
-    if missing or cloud.is_bigendian:
+    if missing:
         raise FrameError(f'the cloud is not one of ~/points: it lacks {", ".join(missing)}')
+    if cloud.is_bigendian:
+        raise FrameError('the cloud is not one of ~/points: it is big-endian')
+    if not 4 + max(offsets.values()) <= cloud.point_step < 2**31:
+        raise FrameError(f'the cloud has no room for its fields: point_step {cloud.point_step}')
     layout = np.dtype(
         {
             'names': list(FIELD_TYPES),
@@ -101,6 +106,15 @@ class Surface:
         lengths = np.sqrt(np.einsum('ij,ij->i', sums, sums))
         return sums / np.maximum(lengths, 1e-30)[:, None]
 
+    def is_where(self, other: Surface | None) -> bool:
+        """Whether another surface, if there is one, fills the same box."""
+        if other is None or not len(other.vertices):
+            return False
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        near = 0.1 * float(np.linalg.norm(high - low))
+        gaps = np.abs([other.vertices.min(axis=0) - low, other.vertices.max(axis=0) - high])
+        return bool(gaps.max() <= near)
+
     def fits(self, frame: Frame) -> bool:
         """Whether the triangles are those of this frame's particles."""
         return len(self.vertices) == len(frame.positions)
@@ -115,7 +129,7 @@ def surface(data: bytes) -> Surface:
     Raises
     ------
     FrameError
-        if it is cut off, or a triangle has a vertex that there is not.
+        if it is cut off, a triangle has a vertex that there is not, or one is nowhere.
 
     """
     try:
@@ -132,6 +146,8 @@ def surface(data: bytes) -> Surface:
     vertices = vertices.reshape(-1, 3)
     if faces.size and faces.max() >= len(vertices):
         raise FrameError(f'the mesh has {len(vertices)} vertices, but not number {faces.max()}')
+    if not np.abs(vertices).max(initial=0.0) < np.finfo(np.float32).max:
+        raise FrameError('the mesh has a vertex whose place is not finite')
     return Surface(vertices.astype(float), faces.astype(np.uint32))
 
 
@@ -165,6 +181,12 @@ def parts(surface: Surface, body: np.ndarray, colors: list) -> list[Part]:
         faces = renumbered[surface.faces[mine[surface.faces[:, 0]]]]
         result.append(Part(tuple(colors[index]), np.flatnonzero(mine), faces.astype(np.uint32)))
     return result
+
+
+def to_bytes(color: Iterable[float]) -> tuple[int, ...]:
+    """Return intensities of 0 … 1 as 0 … 255, whatever else they may be."""
+    limited = np.clip(np.nan_to_num(list(color)), 0.0, 1.0)
+    return tuple(int(item) for item in (255.0 * limited).round())
 
 
 def _heat_table() -> np.ndarray:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+import itertools
 import time
 from typing import Any
 
@@ -24,6 +25,10 @@ LEGEND = """
   <div style="height:0.8em;border-radius:0.3em;background:linear-gradient(90deg,{colors})"></div>
   <div style="display:flex;justify-content:space-between"><span>0</span><span>{most}</span></div>
 </div>
+"""
+
+POKING = """
+<div style="font-size:0.8em;padding:0 0.9em 0.6em;opacity:0.7">Click a body to poke it.</div>
 """
 
 
@@ -69,6 +74,7 @@ class Panel:
             'rest shape, moved and turned to fit best',
         )  # fmt: skip
         self._legend = gui.add_html('', visible=False)
+        self._poking = gui.add_html(POKING, visible=False)
         self.steerable(False)
 
     def _button(self, label: str, action: str, hint: str, icon: Any) -> Any:
@@ -106,6 +112,7 @@ class Panel:
             button.disabled = not is_there or (name == 'step' and not self.is_paused)
         for widget in self._widgets.values():
             widget.disabled = not is_there
+        self._poking.visible = is_there
 
     # --------------------------------------------------------------------------- the parameters
     def describe(
@@ -141,7 +148,7 @@ class Panel:
         def show(name: str) -> None:
             for folder in shown:
                 folder.remove()
-            for section in choices[name]:
+            for section in itertools.chain(*choices.values()):
                 for parameter in section.names:
                     self._widgets.pop(parameter, None)
             with holder:
@@ -204,7 +211,7 @@ class Panel:
         """Show a parameter's value, whoever has set it."""
         self._values[name] = value
         widget, field = self._widgets.get(name), self._fields.get(name)
-        if widget is None or field is None:
+        if widget is None or field is None or not fields.can_show(field, value):
             return
         shown = fields.to_widget(field, value)
         if field.kind == 'slider' and not widget.min <= shown <= widget.max:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
-import signal
 import subprocess
 import sys
 
@@ -14,11 +13,16 @@ import sys
 @contextlib.contextmanager
 def viewer_of(node: str) -> Iterator[None]:
     """Have a viewer of the node of this name, until the end of the block."""
-    process = subprocess.Popen([sys.executable, '-m', 'softbody_ros.viewer', '--node', node])
+    # its standard input ends with this process, however that ends
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'softbody_ros.viewer', '--node', node, '--until-eof'],
+        stdin=subprocess.PIPE,
+    )
+    assert process.stdin is not None
     try:
         yield
     finally:
-        process.send_signal(signal.SIGINT)
+        process.stdin.close()
         try:
             process.wait(5.0)
         except subprocess.TimeoutExpired:

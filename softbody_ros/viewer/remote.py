@@ -41,6 +41,7 @@ class Remote:
     def __init__(self, node: Node, name: str, listener: Listener) -> None:
         self._node, self._name, self._listener = node, name, listener
         self._client = AsyncParameterClient(node, name)
+        self._types: dict[str, int] = {}
         self._values: dict[str, Any] = {}
         self._asking: dict[str, float] = {}
         self._wanted: dict[str, Parameter] = {}
@@ -71,6 +72,7 @@ class Remote:
             name: parameter_value_to_python(value)
             for name, value in zip(names, values, strict=True)
         }
+        self._types = {item.name: item.type for item in descriptors}
         self._listener.described(descriptors, dict(self._values))
 
     def set(self, name: str, kind: int, value: Any) -> None:
@@ -105,6 +107,7 @@ class Remote:
             return
         for item in [*event.new_parameters, *event.changed_parameters]:
             # of what it is being asked here, the answer tells; an event may be an older value
-            if item.name in self._values and item.name not in {*self._asking, *self._wanted}:
+            is_asked = item.name in {*self._asking, *self._wanted}
+            if not is_asked and item.value.type == self._types.get(item.name):
                 self._values[item.name] = parameter_value_to_python(item.value)
                 self._listener.changed(item.name, self._values[item.name])

@@ -22,6 +22,8 @@ GRID: dict[str, Any] = {
 }  # fmt: skip
 NO_COLOR = (200, 204, 212)
 """Of a marker without a colour."""
+FAR = 1e9
+"""Metres beyond which nothing is shown."""
 
 
 class Stage:
@@ -64,8 +66,9 @@ class Stage:
         camera = self._server.initial_camera
         camera.fov, camera.look_at, camera.position = 0.8, centre, place
         for client in self._server.get_clients().values():
-            client.camera.fov, client.camera.look_at = 0.8, centre
+            # in this order: to place a camera moves what it looks at along
             client.camera.position = place
+            client.camera.fov, client.camera.look_at = 0.8, centre
 
     def set_bodies(self, surface: Surface, body: np.ndarray, colors: list) -> None:
         """Show other bodies, or in other colours: (4,) of 0 … 255 for each."""
@@ -82,7 +85,7 @@ class Stage:
 
     def show(self, frame: Frame, most: float | None) -> None:
         """Show the bodies, by displacements up to `most`, m, or else in their own colours."""
-        if self._surface is None or not self._surface.fits(frame):
+        if self._surface is None or not self._surface.fits(frame) or not self._surface.faces.size:
             return
         with self._server.atomic():
             if most is None:
@@ -126,7 +129,7 @@ class Stage:
     # ----------------------------------------------------------------------------- the obstacles
     def set_obstacles(self, markers: Iterable[Marker]) -> None:
         """Show what is in the way; planes are grids. What has only moved is moved."""
-        shown = {(m.ns, m.id): m for m in markers if m.action == Marker.ADD}
+        shown = {(m.ns, m.id): m for m in markers if m.action == Marker.ADD and _has_form(m)}
         for key, (look, node) in list(self._obstacles.items()):
             if key not in shown or look != _look(shown[key]):
                 node.remove()
@@ -146,7 +149,7 @@ class Stage:
         if marker.text == 'plane':
             return self._scene.add_grid(name, plane_opacity=1.0, **GRID, **pose)
         color = marker.color
-        rgb = tuple(round(255.0 * item) for item in (color.r, color.g, color.b))
+        rgb = frames.to_bytes((color.r, color.g, color.b))
         look: dict[str, Any] = {'color': rgb if color.a > 0.0 else NO_COLOR, **pose}
         if 0.0 < color.a < 1.0:
             look['opacity'] = color.a
@@ -160,10 +163,19 @@ class Stage:
                 name, size[0] / 2.0, size[2], radial_segments=64, **look
             )
         corners = np.array([(p.x, p.y, p.z) for p in marker.points], float).reshape(-1, 3)
+        corners = corners[(np.abs(corners) <= FAR).all(axis=-1)]
         faces = np.arange(len(corners) // 3 * 3).reshape(-1, 3)
         return self._scene.add_mesh_simple(
             name, size * corners, faces, flat_shading=True, side='double', **look
         )
+
+
+def _has_form(marker: Marker) -> bool:
+    """Whether it is somewhere, and of some size."""
+    (place, turn), size, color = _pose(marker), marker.scale, marker.color
+    numbers = [*place, *turn, size.x, size.y, size.z, color.r, color.g, color.b, color.a]
+    is_near = (np.abs(numbers) <= FAR).all()  # what is not a number is not
+    return bool(is_near and any(turn) and min(size.x, size.y, size.z) > 0.0)
 
 
 def _pose(marker: Marker) -> tuple[Any, Any]:

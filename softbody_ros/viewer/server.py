@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""viser's server, for the browsers and pages that are meant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import contextlib
+import io
+import ipaddress
+import logging
+from typing import Any
+from urllib.parse import urlsplit
+
+import viser
+
+FOREIGN = 1008
+"""Code with which a websocket is closed that is against the rules (RFC 6455)."""
+
+
+class PageServer(viser.ViserServer):
+    """
+    viser's server, quiet, which steers for its own page only.
+
+    Any page that a browser shows may open a websocket to any address, also to one of the machine
+    that the browser runs on. No page can have it shared with the rest of the world, either.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        # browsers open connections in advance, and leave them: nothing to be told with a traceback
+        logging.getLogger('websockets.server').setLevel(logging.CRITICAL)
+        self._is_local = ipaddress.ip_address(host).is_loopback
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().__init__(host, port, verbose=False)
+        # viser has no public hook that comes before a page is listened to
+        self._websock_server.on_client_connect(self._close_foreign)
+
+    async def _close_foreign(self, client: Any) -> None:
+        connection = self._websock_server._live_connections[client.client_id]
+        assert connection.request is not None
+        if not is_own_page(connection.request.headers, self._is_local):
+            await connection.close(FOREIGN, 'only the page of this server may steer')
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        """Refuse to open a tunnel to a public address."""
+
+    def stop(self) -> None:
+        """Close the pages."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
+
+def is_own_page(headers: Mapping[str, str], is_local: bool) -> bool:
+    """
+    Return whether the page that opens a websocket with these headers is the server's own.
+
+    What has no `Origin` is no browser. A server for this machine only is not asked for by name,
+    except by a page that has had its own name resolved to this machine.
+    """
+    origin, host = headers.get('Origin'), headers.get('Host', '')
+    if origin is None:
+        return True
+    if urlsplit(origin).netloc != host:
+        return False
+    name = urlsplit('//' + host).hostname or ''
+    return not is_local or name == 'localhost' or _is_address(name)
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
