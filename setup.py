@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 package_name = 'softbody_ros'
 BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
-VIEWER = ['viser>=1.1']
+VIEWER = ['viser>=1.1,<1.2']
 
 setup(
     name=package_name,

@@ -9,21 +9,14 @@ libraries swallow the KeyboardInterrupt of a signal that comes meanwhile.
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
+
+from softbody_ros.signals import stop_at_signal
 
 
 def main() -> int:
     """Run the node until SIGINT or SIGTERM; a second one ends it at once."""
-    stop = threading.Event()
-
-    def handle(number: int, _: object) -> None:
-        stop.set()
-        signal.signal(number, signal.SIG_DFL)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handle)
+    stop = stop_at_signal()
 
     from softbody_ros.sim_node import run
 

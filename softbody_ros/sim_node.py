@@ -24,7 +24,6 @@ from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock, 
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -40,6 +39,7 @@ from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError,
 from softbody_ros.core.gains import damping_ratio, natural_frequency
 from softbody_ros.input_topics import InputTopics
 from softbody_ros.obstacle_markers import LATCHED, ObstacleMarkers
+from softbody_ros.spinning import spin
 from softbody_ros.standard_services import Simulation
 from softbody_ros.stepping import MEBIBYTE, Stepper
 from softbody_ros.viewer.process import viewer_of
@@ -496,23 +496,7 @@ def run(stop: threading.Event) -> int:
     name = node.get_fully_qualified_name()
     with viewer_of(name) if '--viewer' in sys.argv[1:] else nullcontext():
         try:
-            _spin(node, stop)
+            spin(node, stop)
         finally:
             rclpy.try_shutdown()
     return 0
-
-
-def _spin(node: SimNode, stop: threading.Event) -> None:
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while not stop.is_set():
-        try:
-            executor.spin_once(timeout_sec=1.0)
-        except ExternalShutdownException:
-            return
-        except Exception as error:
-            # rclpy's own services raise at a malformed request: nobody may end the node by one
-            node.get_logger().error(
-                f'a callback failed and is ignored: {type(error).__name__}: {error}',
-                throttle_duration_sec=1.0,
-            )

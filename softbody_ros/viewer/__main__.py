@@ -9,9 +9,10 @@ import importlib.util
 import ipaddress
 import os
 import re
-import signal
 import sys
 import threading
+
+from softbody_ros.signals import stop_at_signal
 
 EPILOG = """\
 examples:
@@ -28,14 +29,7 @@ Drag turns the view, a click on a body pokes it. What follows --ros-args goes to
 
 def main() -> int:
     """Serve the page until SIGINT or SIGTERM; a second one ends it at once."""
-    stop = threading.Event()
-
-    def handle(number: int, _: object) -> None:
-        stop.set()
-        signal.signal(number, signal.SIG_DFL)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handle)
+    stop = stop_at_signal()
 
     arguments = sys.argv[1:]
     split = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)

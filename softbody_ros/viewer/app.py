@@ -6,9 +6,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-import errno
-import os
-import socket
 import sys
 import threading
 import time
@@ -21,7 +18,6 @@ from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
@@ -33,12 +29,13 @@ from std_srvs.srv import SetBool, Trigger
 import viser
 from visualization_msgs.msg import MarkerArray
 
+from softbody_ros.spinning import spin
 from softbody_ros.viewer import fields, frames
 from softbody_ros.viewer.fields import Field
 from softbody_ros.viewer.frames import Frame, FrameError, Surface
 from softbody_ros.viewer.panel import Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
-from softbody_ros.viewer.server import PageServer
+from softbody_ros.viewer.server import PageServer, free_port, page_address
 from softbody_ros.viewer.stage import Stage
 
 SILENCE = 3.0
@@ -308,35 +305,10 @@ def _rgba(color: Any) -> tuple[int, int, int, int]:
     return red, green, blue, alpha
 
 
-def _free_port(host: str, port: int) -> int:
-    """
-    Return the first port from this one on that can be served at.
-
-    viser tries one after the other for ever, whatever the reason that it cannot have them.
-    """
-    family = socket.AF_INET6 if ':' in host else socket.AF_INET
-    for candidate in range(port, 65536):
-        with socket.socket(family) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
-            try:
-                probe.bind((host, candidate))
-                return candidate
-            except OSError as error:
-                if error.errno != errno.EADDRINUSE:
-                    raise
-    raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE))
-
-
-def _page_address(host: str, port: int) -> str:
-    if host == '0.0.0.0':  # all addresses of this machine: none that a browser can open
-        return f'http://127.0.0.1:{port} in a browser, elsewhere with the address of this machine'
-    return f'http://{f"[{host}]" if ":" in host else host}:{port} in a browser'
-
-
 def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.Event) -> int:
     """Serve until `stop` is set; an address that cannot be had is one sentence and exit code 1."""
     try:
-        server = PageServer(options.host, _free_port(options.host, options.port))
+        server = PageServer(options.host, free_port(options.host, options.port))
     except OSError as error:
         print(
             f'viewer: {options.host} port {options.port} cannot be served at: {error.strerror}; '
@@ -347,9 +319,9 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
     try:
         rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = Viewer(server, options.node, options.rate)
-        address = _page_address(options.host, server.get_port())
+        address = page_address(options.host, server.get_port())
         node.get_logger().info(f'open {address}; it shows {options.node}')
-        _spin(node, stop)
+        spin(node, stop)
     except (ParameterException, RuntimeError) as error:
         print('viewer:', ' '.join(str(error).split()), file=sys.stderr)
         return 1
@@ -357,19 +329,3 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
         rclpy.try_shutdown()
         server.stop()
     return 0
-
-
-def _spin(node: Viewer, stop: threading.Event) -> None:
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while not stop.is_set():
-        try:
-            executor.spin_once(timeout_sec=1.0)
-        except ExternalShutdownException:
-            return
-        except Exception as error:
-            # whatever others send: the page goes on
-            node.get_logger().error(
-                f'a callback failed and is ignored: {type(error).__name__}: {error}',
-                throttle_duration_sec=1.0,
-            )

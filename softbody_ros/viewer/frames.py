@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 import struct
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+
+from softbody_ros.core.mesh import vertex_normals
 
 FIELD_TYPES = {'x': 'f4', 'y': 'f4', 'z': 'f4', 'displacement': 'f4', 'body': 'u4'}
 """What `~/points` consists of."""
@@ -92,17 +92,9 @@ class Surface:
     vertices: np.ndarray
     faces: np.ndarray
 
-    @cached_property
-    def _faces_at(self) -> csr_matrix:
-        """Which faces meet at each vertex, (n, m), 0 or 1."""
-        count, corners = len(self.faces), self.faces.reshape(-1)
-        entries = (np.ones(3 * count, np.float32), (corners, np.repeat(np.arange(count), 3)))
-        return csr_matrix(entries, shape=(len(self.vertices), count))
-
     def normals(self, positions: np.ndarray) -> np.ndarray:
         """Return the normals (n, 3) of the vertices at positions (n, 3), weighted by area."""
-        a, b, c = (positions.take(self.faces[:, index], axis=0) for index in range(3))
-        sums = self._faces_at @ np.cross(b - a, c - a)
+        sums = vertex_normals(positions, self.faces)
         lengths = np.sqrt(np.einsum('ij,ij->i', sums, sums))
         return sums / np.maximum(lengths, 1e-30)[:, None]
 

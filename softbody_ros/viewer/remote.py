@@ -8,7 +8,7 @@ from functools import partial
 import time
 from typing import Any, Protocol
 
-from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
+from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -45,6 +45,7 @@ class Remote:
         self._values: dict[str, Any] = {}
         self._asking: dict[str, float] = {}
         self._wanted: dict[str, Parameter] = {}
+        self._missed: set[str] = set()
         self._visit = 0
         node.create_subscription(ParameterEvent, '/parameter_events', self._heard, 100)
 
@@ -58,6 +59,7 @@ class Remote:
         self._visit += 1
         self._asking.clear()
         self._wanted.clear()
+        self._missed.clear()
 
     async def describe(self) -> None:
         """Ask for all parameters; the listener is told what they are."""
@@ -101,13 +103,31 @@ class Remote:
         if not result.successful:
             self._listener.refused(name, result.reason)
         self._listener.changed(name, self._values[name])
+        if name in self._missed:
+            self._missed.remove(name)
+            future = self._client.get_parameters([name])
+            future.add_done_callback(partial(self._read, self._visit, name))
+
+    def _read(self, visit: int, name: str, future: Future) -> None:
+        if visit == self._visit and name not in self._busy:
+            self._take(name, future.result().values[0])
+
+    @property
+    def _busy(self) -> frozenset[str]:
+        """What it is being asked: the answers are newer than what is heard meanwhile."""
+        return frozenset(self._asking) | frozenset(self._wanted)
+
+    def _take(self, name: str, value: ParameterValue) -> None:
+        if value.type == self._types.get(name):
+            self._values[name] = parameter_value_to_python(value)
+            self._listener.changed(name, self._values[name])
 
     def _heard(self, event: ParameterEvent) -> None:
         if event.node != self._name:
             return
         for item in [*event.new_parameters, *event.changed_parameters]:
-            # of what it is being asked here, the answer tells; an event may be an older value
-            is_asked = item.name in {*self._asking, *self._wanted}
-            if not is_asked and item.value.type == self._types.get(item.name):
-                self._values[item.name] = parameter_value_to_python(item.value)
-                self._listener.changed(item.name, self._values[item.name])
+            if item.name in self._busy:
+                # perhaps of an older value, perhaps of one that somebody else has set since
+                self._missed.add(item.name)
+            else:
+                self._take(item.name, item.value)

@@ -6,9 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import contextlib
+import errno
 import io
 import ipaddress
 import logging
+import os
+import socket
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -72,3 +75,35 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def free_port(host: str, port: int) -> int:
+    """
+    Return the first port from this one on that can be served at.
+
+    viser tries one after the other for ever, whatever the reason that it cannot have them.
+
+    Raises
+    ------
+    OSError
+        if there is no such address, or no port of it is free.
+
+    """
+    family = socket.AF_INET6 if ':' in host else socket.AF_INET
+    for candidate in range(port, 65536):
+        with socket.socket(family) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+            try:
+                probe.bind((host, candidate))
+                return candidate
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+    raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE))
+
+
+def page_address(host: str, port: int) -> str:
+    """Return what to open, and where, to see what is served at a port."""
+    if host == '0.0.0.0':  # all addresses of this machine: none that a browser can open
+        return f'http://127.0.0.1:{port} in a browser, elsewhere with the address of this machine'
+    return f'http://{f"[{host}]" if ":" in host else host}:{port} in a browser'
