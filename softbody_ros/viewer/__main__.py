@@ -83,6 +83,10 @@ def parser() -> argparse.ArgumentParser:
         help='pictures a second, at most [%(default)g]',
     )  # fmt: skip
     result.add_argument(
+        '--no-shadows', dest='shadows', action='store_false',
+        help='for browsers without a GPU, which draw several times as fast without them',
+    )  # fmt: skip
+    result.add_argument(
         '--until-eof', action='store_true', help='end when the standard input ends'
     )
     return result

@@ -56,11 +56,16 @@ class Viewer(Node):
     """
 
     def __init__(
-        self, server: viser.ViserServer, target: str, rate: float, **node_arguments: Any
+        self,
+        server: viser.ViserServer,
+        target: str,
+        rate: float,
+        shadows: bool = True,
+        **node_arguments: Any,
     ) -> None:
         super().__init__('softbody_viewer', **node_arguments)
         self._server, self._target = server, target
-        self._stage = Stage(server)
+        self._stage = Stage(server, shadows)
         self._panel = Panel(server.gui, self._later, self._act, self._change)
         self._remote = Remote(self, target, self)
         self._names: list[str] = []
@@ -318,7 +323,7 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
         return 1
     try:
         rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
-        node = Viewer(server, options.node, options.rate)
+        node = Viewer(server, options.node, options.rate, options.shadows)
         address = page_address(options.host, server.get_port())
         node.get_logger().info(f'open {address}; it shows {options.node}')
         spin(node, stop)

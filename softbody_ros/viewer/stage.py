@@ -29,7 +29,7 @@ FAR = 1e9
 class Stage:
     """What is in the view; each method replaces what was shown before."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, server: viser.ViserServer, shadows: bool) -> None:
         self._server, self._scene = server, server.scene
         self._surface: Surface | None = None
         self._parts: list[Part] = []
@@ -40,7 +40,7 @@ class Stage:
         self._made = 0
         self._scene.set_up_direction('+z')
         self._scene.configure_environment_map('studio', environment_intensity=0.4)
-        self._scene.configure_default_lights(True, cast_shadow=True)
+        self._scene.configure_default_lights(True, cast_shadow=shadows)
         self._grid = self._scene.add_grid('/ground', plane_opacity=0.0, **GRID)
         self._keep_shader()
 
