@@ -217,8 +217,10 @@ def test_colcon_installs_the_commands_where_ros2_run_looks(graph, workspace, mon
         assert (share / 'config' / name).is_file()
 
     setup = workspace / 'install' / 'setup.bash'
-    bake = ['bash', '-c', f'source {setup} && exec {executable.with_name("bake")} --help']
-    assert 'usage: bake' in subprocess.run(bake, capture_output=True, text=True, check=True).stdout
+    for name in ('bake', 'viewer'):
+        ask = ['bash', '-c', f'source {setup} && exec {executable.with_name(name)} --help']
+        said = subprocess.run(ask, capture_output=True, text=True, check=True).stdout
+        assert f'usage: {name}' in said
     command = f'source {setup} && exec {executable} --ros-args --params-file {share}/config/'
     process = subprocess.Popen(
         ['bash', '-c', command + 'mesh_file.yaml'],
