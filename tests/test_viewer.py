@@ -236,7 +236,7 @@ def test_pause_step_and_apply_velocity(show):
     show.graph.spin_until(lambda: clouds, 'a tick')
     button(show, 'Go on').click()
     show.says(f'{SIM}: running')
-    spin = show.number('linear [m/s]', 2)
+    spin = show.number('linear [m∕s]', 2)
     spin.fill('6')
     spin.press('Enter')
     show.graph.spin_until(lambda: show.parameter('ball.initial_velocity.linear')[2] == 6.0)

@@ -268,7 +268,7 @@ def test_sections_are_grouped_as_in_the_original_and_hold_every_parameter_once()
         'mass', 'stiffness', 'bounciness', 'friction', 'deformation', 'elasticity', 'mode',
     ]  # fmt: skip
     assert velocity.names == ('ball.initial_velocity.linear', 'ball.initial_velocity.angular')
-    for section, first in [(main, 'mass [kg]'), (velocity, 'linear [m/s]')]:
+    for section, first in [(main, 'mass [kg]'), (velocity, 'linear [m∕s]')]:
         assert fields.label(described()[section.names[0]][0], section) == first
     assert fields.label(described()['poke.radius'][0], rest) == 'poke radius [m]'
     everything = [gravity, rest, main, velocity, more, *obstacles['ground']]

@@ -201,7 +201,8 @@ def sections(
 def label(field: Field, section: Section) -> str:
     """Return the words beside a widget: without those that its folder says."""
     word = field.name.removeprefix(section.prefix).replace('.', ' ').replace('_', ' ')
-    return f'{word} [{field.unit}]' if field.unit else word
+    # a division slash: after another one browsers break lines
+    return f'{word} [{field.unit.replace("/", "∕")}]' if field.unit else word
 
 
 def decimals(step: float) -> int:
