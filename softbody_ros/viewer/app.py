@@ -195,15 +195,20 @@ class Viewer(Node):
                 'When it is back, it is shown again.'
             )
         else:
-            state = self._summary if self._remote.is_there else 'a recording: nothing to steer'
-            facts = [
-                f'{clouds:.0f} clouds/s, {pictures:.0f} shown',
-                f'{0 if self._frame is None else len(self._frame.positions)} vertices',
-            ]
+            state = 'a recording: nothing to steer'
+            if self._remote.is_there:
+                state = (
+                    self._summary.split(': ')[0] if 'too slow' in self._summary else self._summary
+                )
+            # as many lines as ever: the sliders below must not jump
+            vertices = 0 if self._frame is None else len(self._frame.positions)
+            facts = f'{clouds:.0f} clouds/s, {pictures:.0f} shown · {vertices} vertices'
             if self._report:
-                facts[1:1] = [f'real-time factor {self._report.get("real-time factor", "?")}']
-                facts += [f'{self._report.get("dropped time (s)", "?")} s dropped']
-            text = f'**{self._target}**: {state}  \n' + ' · '.join(facts)
+                facts += (
+                    f'  \nreal-time factor {self._report.get("real-time factor", "?")} · '
+                    f'{self._report.get("dropped time (s)", "?")} s dropped'
+                )
+            text = f'**{self._target}**: {state}  \n{facts}'
         self._panel.status(f'{text}\n\n{self._problem}' if self._problem else text)
         self._panel.settle()
 
