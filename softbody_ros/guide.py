@@ -10,7 +10,7 @@ from pathlib import Path
 import shutil
 import sys
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from softbody_ros.parameters import share_directory
 
 PACKAGE, NODE = 'softbody_ros', '/softbody_sim'
 MOST_BODIES = 4
@@ -128,8 +128,7 @@ def _command(name: str) -> str:
 def config_folder() -> Path:
     """Return the folder of the scenes and of the layout of RViz, installed or in the clone."""
     try:
-        share = Path(get_package_share_directory(PACKAGE))
-    except (PackageNotFoundError, OSError):  # or no index of packages at all
-        share = Path(sys.prefix) / 'share' / PACKAGE
-    installed = share / 'config'
-    return installed if installed.is_dir() else Path(__file__).parents[1] / 'config'
+        return Path(share_directory(PACKAGE)) / 'config'
+    except (LookupError, ValueError, OSError, ImportError):
+        # where it was put that pip was told to: nothing of it is needed to run
+        return Path(__file__).parents[1] / 'config'

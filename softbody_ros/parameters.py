@@ -224,15 +224,23 @@ def mesh_path(mesh: str) -> str:
         return os.path.expanduser(mesh)
     package, _, path = mesh.removeprefix('package://').partition('/')
     try:
-        return os.path.join(_share_directory(package), path)
+        return os.path.join(share_directory(package), path)
     except (LookupError, ValueError, OSError, ImportError):
         raise ConfigError(
             f'mesh {mesh}: package {package!r} is not installed, or its workspace is not sourced'
         ) from None
 
 
-def _share_directory(package: str) -> str:
-    """Return where the files of a package lie; of this one also where pip put or git left them."""
+def share_directory(package: str) -> str:
+    """
+    Return where the files of a package lie; of this one also where pip put or git left them.
+
+    Raises
+    ------
+    LookupError, ValueError, OSError, ImportError
+        if they are nowhere.
+
+    """
     source = pathlib.Path(__file__).parents[1]
     if package == 'softbody_ros' and (source / 'package.xml').is_file():
         return str(source)

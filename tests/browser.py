@@ -4,10 +4,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import re
 import shutil
 import socket
 
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
 ARGUMENTS = [
@@ -27,6 +28,24 @@ def chromium() -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=path(), args=ARGUMENTS)
         yield browser
         browser.close()
+
+
+def row(page: Page, label: str) -> Locator:
+    """Return the row of the viewer's panel with a label."""
+    words = page.locator('label', has_text=re.compile(f'^{re.escape(label)}$'))
+    return words.locator('xpath=ancestor::p/../..')
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    """Choose an option of a dropdown of the panel."""
+    row(page, label).locator('input').first.click()
+    page.get_by_role('option', name=option, exact=True).click()
+
+
+def close_notices(page: Page) -> None:
+    """Close the notices that lie over the view."""
+    closers = page.locator('.mantine-Notification-closeButton')
+    closers.evaluate_all('buttons => buttons.forEach(button => button.click())')
 
 
 def free_port() -> int:

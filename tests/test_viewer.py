@@ -85,8 +85,7 @@ class Show:
 
     def row(self, label):
         """Return the row of the panel with a label."""
-        words = self.page.locator('label', has_text=re.compile(f'^{re.escape(label)}$'))
-        return words.locator('xpath=ancestor::p/../..')
+        return browser_of_tests.row(self.page, label)
 
     def number(self, label, index=0):
         return self.row(label).locator('input[inputmode=decimal]').nth(index)
@@ -142,8 +141,7 @@ def test_the_page_shows_a_body_that_falls_and_the_reset_button_puts_it_back(show
 
 def test_colours_by_displacement_with_a_legend(show):
     show.graph.spin_until(lambda: show.height())
-    show.row('colour by').locator('input').first.click()
-    show.page.get_by_role('option', name='displacement').click()
+    browser_of_tests.choose(show.page, 'colour by', 'displacement')
     # the ground presses it flat by some millimetres
     show.graph.spin_until(lambda: show.orange().sum() < BALL, 'another colour')
     legend = show.page.locator('div[style*="linear-gradient"]')
@@ -151,8 +149,7 @@ def test_colours_by_displacement_with_a_legend(show):
     assert re.search(r'0\s*[\d.]+ [cm]?m', legend.locator('xpath=..').inner_text())
     picture = show.picture()
     assert (picture[..., 2] > picture[..., 0] + 30).sum() > BALL  # little is blue
-    show.row('colour by').locator('input').first.click()
-    show.page.get_by_role('option', name='body').click()
+    browser_of_tests.choose(show.page, 'colour by', 'body')
     show.graph.spin_until(lambda: show.height(), 'orange again')
     expect(legend).to_be_hidden()
 
@@ -210,8 +207,7 @@ def test_a_change_made_elsewhere_moves_the_slider(show):
 
 
 def test_choices_set_the_parameter_of_the_node(show):
-    show.row('mode').locator('input').first.click()
-    show.page.get_by_role('option', name='linear').click()
+    browser_of_tests.choose(show.page, 'mode', 'linear')
     show.graph.spin_until(lambda: show.parameter('ball.mode') == 'linear')
 
 
@@ -258,9 +254,7 @@ def test_a_click_on_a_body_pokes_it_there(show):
     show.says(f'{SIM}: paused')
 
     def click():
-        # notices lie over the view
-        closers = show.page.locator('.mantine-Notification-closeButton')
-        closers.evaluate_all('buttons => buttons.forEach(button => button.click())')
+        browser_of_tests.close_notices(show.page)
         rows, columns = np.nonzero(show.orange())
         show.page.mouse.click(columns.mean(), rows.mean())
 
@@ -331,8 +325,7 @@ def test_of_several_bodies_the_chosen_one_is_steered(show):
     assert show.graph.set_parameter(SIM, 'other.stiffness', 0.75).successful
 
     def choose(body):
-        show.row('body').locator('input').first.click()
-        show.page.get_by_role('option', name=body, exact=True).click()
+        browser_of_tests.choose(show.page, 'body', body)
 
     choose('other')
     expect(show.number('stiffness')).to_have_value('0.75', timeout=20_000)

@@ -10,12 +10,11 @@ import struct
 from typing import Any
 
 import numpy as np
+from sensor_msgs.msg import PointField
 
 from softbody_ros.core.mesh import vertex_normals
+from softbody_ros.messages import POINT_FIELDS, POINT_TYPE
 
-FIELD_TYPES = {'x': 'f4', 'y': 'f4', 'z': 'f4', 'displacement': 'f4', 'body': 'u4'}
-"""What `~/points` consists of."""
-FLOAT32, UINT32 = 7, 6  # sensor_msgs/PointField
 COLORS = np.array(
     [
         [69, 117, 180], [116, 173, 209], [171, 217, 233], [224, 243, 248], [255, 255, 191],
@@ -55,12 +54,13 @@ def frame(cloud: Any) -> Frame:
         if it has not the fields of `~/points`, or is cut off.
 
     """
+    kinds = dict(POINT_FIELDS)
     offsets = {
         item.name: item.offset
         for item in cloud.fields
-        if item.datatype == (UINT32 if item.name == 'body' else FLOAT32)
+        if item.datatype == kinds.get(item.name, PointField.FLOAT32)
     }
-    missing = [name for name in FIELD_TYPES if name not in offsets]
+    missing = [name for name in kinds if name not in offsets]
     if missing:
         raise FrameError(f'the cloud is not one of ~/points: it lacks {", ".join(missing)}')
     if cloud.is_bigendian:
@@ -69,9 +69,9 @@ def frame(cloud: Any) -> Frame:
         raise FrameError(f'the cloud has no room for its fields: point_step {cloud.point_step}')
     layout = np.dtype(
         {
-            'names': list(FIELD_TYPES),
-            'formats': ['<' + kind for kind in FIELD_TYPES.values()],
-            'offsets': [offsets[name] for name in FIELD_TYPES],
+            'names': list(kinds),
+            'formats': [POINT_TYPE[name] for name in kinds],
+            'offsets': [offsets[name] for name in kinds],
             'itemsize': cloud.point_step,
         }
     )

@@ -39,7 +39,7 @@ class Remote:
     """
 
     def __init__(self, node: Node, name: str, listener: Listener) -> None:
-        self._node, self._name, self._listener = node, name, listener
+        self._name, self._listener = name, listener
         self._client = AsyncParameterClient(node, name)
         self._types: dict[str, int] = {}
         self._values: dict[str, Any] = {}

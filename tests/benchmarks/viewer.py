@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-import re
 import subprocess
 import sys
 import time
@@ -22,7 +21,7 @@ import time
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from browser import chromium, free_port
+from browser import choose, chromium, free_port
 from node import cpu_seconds, machine, print_table
 from playwright.sync_api import Page
 
@@ -59,11 +58,6 @@ class Watched:
         metrics = self._session.send('Performance.getMetrics')['metrics']
         return next(item['value'] for item in metrics if item['name'] == 'TaskDuration')
 
-    def color_by(self, what: str) -> None:
-        label = self.page.locator('label', has_text=re.compile('^colour by$'))
-        label.locator('xpath=ancestor::p/../..').locator('input').first.click()
-        self.page.get_by_role('option', name=what).click()
-
 
 def measure(subdivisions: int, bodies: int, seconds: float) -> list[list[str]]:
     """Return a row for each way to colour balls that turn in free space."""
@@ -83,7 +77,7 @@ def measure(subdivisions: int, bodies: int, seconds: float) -> list[list[str]]:
             watched = Watched(browser.new_page(viewport=PAGE), port)
             watched.page.get_by_text('stiffness').wait_for()
             for way in ('body', 'displacement'):
-                watched.color_by(way)
+                choose(watched.page, 'colour by', way)
                 watched.page.wait_for_timeout(4000)
                 before = [cpu_seconds(node.pid), cpu_seconds(viewer.pid), watched.busy()]
                 watched.sizes.clear()

@@ -5,9 +5,8 @@
 from __future__ import annotations
 
 import io
-import re
 
-from browser import chromium, free_port
+from browser import choose, chromium, close_notices, free_port
 from conftest import Graph
 from PIL import Image
 from scene_files import ROOT
@@ -29,13 +28,10 @@ def page(scene: str, ticks: int, coloring: str, size: tuple[int, int]) -> Image.
             shown = browser.new_page(viewport={'width': size[0], 'height': size[1]})
             shown.goto(f'http://127.0.0.1:{port}')
             shown.get_by_text('stiffness').wait_for(timeout=60_000)
-            field = shown.locator('label', has_text=re.compile('^colour by$'))
-            field.locator('xpath=ancestor::p/../..').locator('input').first.click()
-            shown.get_by_role('option', name=coloring).click()
+            choose(shown, 'colour by', coloring)
             graph.call(Trigger, f'{NODE}/step')
             shown.wait_for_timeout(6_000)  # a browser without a GPU needs seconds for a picture
-            closers = shown.locator('.mantine-Notification-closeButton')
-            closers.evaluate_all('buttons => buttons.forEach(button => button.click())')
+            close_notices(shown)
             shown.mouse.move(5, size[1] - 5)
             shown.wait_for_timeout(3_000)
             return Image.open(io.BytesIO(shown.screenshot())).convert('RGB')
