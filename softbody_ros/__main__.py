@@ -18,7 +18,7 @@ def main() -> int:
     """Run the node until SIGINT or SIGTERM; a second one ends it at once."""
     stop = stop_at_signal()
 
-    from softbody_ros.sim_node import run
+    from softbody_ros.ros.node import run
 
     return run(stop)
 

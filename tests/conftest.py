@@ -48,7 +48,7 @@ class Graph:
 
     def sim_node(self, namespace: str | None = None, **overrides: Any) -> Any:
         """Start the node in this process; `ball__mass=2.0` stands for ball.mass."""
-        from softbody_ros.sim_node import SimNode
+        from softbody_ros.ros.node import SimNode
 
         return self.add(
             SimNode(

@@ -11,9 +11,10 @@ import math
 
 import numpy as np
 
-from softbody_ros.core import BodyConfig, SimulationError, WorldConfig, matching
-from softbody_ros.core.gains import damping_ratio, natural_frequency
-from softbody_ros.core.rotations import rotation
+from softbody_ros.core import BodyConfig, SimulationError, WorldConfig
+from softbody_ros.core.shape_matching import matching
+from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
+from softbody_ros.core.shape_matching.polar_decomposition import rotation
 
 GRAVITY = 9.81
 RADIUS = 0.5

@@ -29,7 +29,7 @@ from PIL import Image
 from scene_files import ROOT, scene
 
 from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
-from softbody_ros.parameters import mesh_path
+from softbody_ros.scene.parameters import mesh_path
 
 RESOURCE = ROOT / 'resource'
 LYING = (0.0, 0.7071, 0.0, 0.7071)

@@ -4,9 +4,9 @@
 
 import pathlib
 
-from softbody_ros import parameters
 from softbody_ros.core import World
-from softbody_ros.scene_file import read_scene
+from softbody_ros.scene import parameters
+from softbody_ros.scene.scene_file import read_scene
 
 ROOT = pathlib.Path(__file__).parent.parent
 SCENES = sorted(path.stem for path in (ROOT / 'config').glob('*.yaml'))

@@ -20,13 +20,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 import trimesh
 
-from softbody_ros import parameters
 from softbody_ros.bake import __main__ as command
 from softbody_ros.bake.film import Film, linear
 from softbody_ros.bake.shading import shading
 from softbody_ros.bake.whole_file import whole_file
 from softbody_ros.core import Surface, World
-from softbody_ros.scene_file import read_scene
+from softbody_ros.scene import parameters
+from softbody_ros.scene.scene_file import read_scene
 
 ROOT = pathlib.Path(__file__).parent.parent
 CONFIG = ROOT / 'config'

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from softbody_ros.core.boxes import FEW, bounds, overlapping
+from softbody_ros.core.geometry.bounding_boxes import FEW, bounds, overlapping
 
 
 def random_boxes(kind, count):

@@ -8,9 +8,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 
-from softbody_ros import parameters
 from softbody_ros.core import World
-from softbody_ros.messages import POINT_TYPE
+from softbody_ros.ros.messages import POINT_TYPE
+from softbody_ros.scene import parameters
 
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}

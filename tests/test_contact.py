@@ -7,17 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import (
-    BodyConfig,
-    ObstacleConfig,
-    World,
-    WorldConfig,
-    contact,
-    obstacles,
-)
-from softbody_ros.core.gains import make_gains
+from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
+from softbody_ros.core.collision import obstacles
+from softbody_ros.core.contact import soft_obstacle
 from softbody_ros.core.particles import Particles
-from softbody_ros.core.rest_shape import make_rest_shape
+from softbody_ros.core.shape_matching.gains import make_gains
+from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
 from softbody_ros.core.tick import Tick
 
 H = 1 / 240
@@ -136,10 +131,10 @@ def collided(velocity, obstacle=None, position=(0.0, 0.0, -0.01), h=H, **values)
     x = np.array(position, dtype=float).reshape(1, 3, 1)
     v = np.array(velocity, dtype=float).reshape(1, 3, 1)
     tick = Tick(cloud_of_one(), None, gains, np.array([0.0, 0.0, -G]), h)
-    contacts = contact.find(x, obstacle, gains.thickness)
+    contacts = soft_obstacle.find(x, obstacle, gains.thickness)
     particles = Particles(np.concatenate([x, v], axis=1), x)
     if len(contacts):
-        contact.collide(particles, contacts, np.zeros(1), tick)
+        soft_obstacle.collide(particles, contacts, np.zeros(1), tick)
     return particles.x[0, :, 0], particles.v[0, :, 0]
 
 

@@ -26,7 +26,12 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig, make_surface
-from softbody_ros.core.gains import damping_ratio, make_gains, natural_frequency, oscillator_gains
+from softbody_ros.core.shape_matching.gains import (
+    damping_ratio,
+    make_gains,
+    natural_frequency,
+    oscillator_gains,
+)
 
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')

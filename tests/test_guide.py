@@ -8,7 +8,8 @@ import signal
 import pytest
 from sensor_msgs.msg import PointCloud2
 
-from softbody_ros import guide, parameters
+from softbody_ros.ros import cli_help
+from softbody_ros.scene import parameters
 
 SIM = '/softbody_sim'
 
@@ -32,7 +33,7 @@ def test_start_says_where_to_look_in_a_few_lines(graph):
     assert 'viewer' in said
     assert 'rviz2 -d' in said
     (layout,) = re.findall(r'rviz2 -d (\S+)', said)
-    assert (guide.config_folder() / 'softbody.rviz').is_file() and layout.startswith('/')
+    assert (cli_help.config_folder() / 'softbody.rviz').is_file() and layout.startswith('/')
     assert '/cloud (PointCloud2), /softbody_sim/mesh (Marker)' in said
     assert 'ros2 param set /softbody_sim ball.stiffness' in said
 
@@ -55,7 +56,7 @@ def test_start_names_a_node_elsewhere_and_does_not_list_many_bodies(graph):
 def test_help_names_every_parameter_topic_and_service(graph):
     graph.sim_node(ball__subdivisions=1)
     graph.spin_until(lambda: graph.node.count_publishers(f'{SIM}/points'))
-    text = guide.help_text()
+    text = cli_help.help_text()
     assert len(text.splitlines()) <= 45
     for name in parameters.table(parameters.SceneLists()):
         known = name.removeprefix('ball.').removeprefix('ground.').split('.')[0]
@@ -74,12 +75,12 @@ def test_help_names_every_parameter_topic_and_service(graph):
 
 def test_help_of_the_command_names_scenes_that_exist(graph):
     output, _ = graph.process('--help').communicate(timeout=30)
-    assert output == guide.help_text() + '\n'
+    assert output == cli_help.help_text() + '\n'
     (folder,) = re.findall(r'scenes, in (.*):', output)
-    assert folder == str(guide.config_folder())
+    assert folder == str(cli_help.config_folder())
     for name in ('default.yaml', 'contact.yaml'):
         assert name in output
-        assert (guide.config_folder() / name).is_file()
+        assert (cli_help.config_folder() / name).is_file()
 
 
 def test_arguments_that_would_be_ignored_are_refused(graph):
@@ -93,8 +94,8 @@ def test_arguments_that_would_be_ignored_are_refused(graph):
 @pytest.mark.parametrize('installed', [False, True])
 def test_the_viewer_is_offered_or_how_to_get_it(monkeypatch, installed):
     found = object() if installed else None
-    monkeypatch.setattr(guide.importlib.util, 'find_spec', lambda name: found)
-    said = guide.where_to_look(SIM, '/clock', {'ball': 3}, ('/a', '/b'))
+    monkeypatch.setattr(cli_help.importlib.util, 'find_spec', lambda name: found)
+    said = cli_help.where_to_look(SIM, '/clock', {'ball': 3}, ('/a', '/b'))
     assert ('http://127.0.0.1:8080' in said) == installed
     assert ("pip install '.[viewer]'" in said) == (not installed)
 
@@ -113,9 +114,9 @@ def test_commands_are_said_as_they_must_be_typed(
     script = tmp_path / folder / 'sim_node'
     script.parent.mkdir(parents=True)
     script.touch(mode=0o755)
-    monkeypatch.setattr(guide.sys, 'argv', [str(script)])
+    monkeypatch.setattr(cli_help.sys, 'argv', [str(script)])
     monkeypatch.setenv('PATH', str(script.parent if on_path else tmp_path))
-    monkeypatch.setattr(guide.importlib.util, 'find_spec', lambda name: None)
-    said = guide.where_to_look(SIM, '/clock', {'ball': 3}, ('/a', '/b'))
+    monkeypatch.setattr(cli_help.importlib.util, 'find_spec', lambda name: None)
+    said = cli_help.where_to_look(SIM, '/clock', {'ball': 3}, ('/a', '/b'))
     assert f'`{viewer.format(script.parent)}` in a browser' in said
     assert f"after {pip.format(script.parent)} install '.[viewer]'" in said

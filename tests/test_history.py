@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, Placement, Removal, World, WorldConfig
-from softbody_ros.history import INTERVAL, LEAST_ACTION_BYTES, MOST_ACTIONS, History
-from softbody_ros.stepping import MEBIBYTE, SLICE, Stepper
+from softbody_ros.timeline.history import INTERVAL, LEAST_ACTION_BYTES, MOST_ACTIONS, History
+from softbody_ros.timeline.stepper import MEBIBYTE, SLICE, Stepper
 
 START = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000

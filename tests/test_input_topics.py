@@ -16,7 +16,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softbody_ros.messages import POINT_TYPE
+from softbody_ros.ros.messages import POINT_TYPE
 
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}

@@ -18,11 +18,11 @@ from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
 
-from softbody_ros import inputs, messages
 from softbody_ros.core import World, WorldConfig
-from softbody_ros.core.outside import Placement, Removal
-from softbody_ros.core.point_obstacles import MOST_POINTS, PointObstacles
-from softbody_ros.inputs import MOST_MARKERS, SHAPES, InputError
+from softbody_ros.core.collision.point_obstacles import MOST_POINTS, PointObstacles
+from softbody_ros.core.external_inputs import Placement, Removal
+from softbody_ros.ros import message_parsing, messages
+from softbody_ros.ros.message_parsing import MOST_MARKERS, SHAPES, InputError
 
 README = (pathlib.Path(__file__).parent.parent / 'README.md').read_text()
 H = 1 / 240
@@ -53,7 +53,9 @@ def fill(target, names, values):
 
 
 def changes_of(*markers, **values):
-    return inputs.obstacle_changes(MarkerArray(markers=list(markers)), 'world', H, **values)
+    return message_parsing.obstacle_changes(
+        MarkerArray(markers=list(markers)), 'world', H, **values
+    )
 
 
 # --------------------------------------------------------------------------------------- obstacles
@@ -169,7 +171,7 @@ def cloud_of(points, layout=None, rows=1, padding=0, big=False, **values):
 
 
 def points_of(message, radius=0.02):
-    return inputs.point_obstacles(message, 'world', radius)
+    return message_parsing.point_obstacles(message, 'world', radius)
 
 
 POINTS = np.arange(36.0).reshape(12, 3) / 8.0
@@ -298,7 +300,7 @@ def wrench_of(frame_id='ball', force=(1.0, 2.0, 3.0), torque=(4.0, 5.0, 6.0)):
 
 @pytest.mark.parametrize(('frame_id', 'name'), [('ball', 'ball'), ('world', None)])
 def test_a_wrench_is_on_one_body_or_on_all(frame_id, name):
-    wrench = inputs.wrench(wrench_of(frame_id), 'world', ('ball', 'cube'))
+    wrench = message_parsing.wrench(wrench_of(frame_id), 'world', ('ball', 'cube'))
     assert (wrench.name, wrench.force, wrench.torque) == (name, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
 
 
@@ -315,7 +317,7 @@ def test_a_wrench_is_on_one_body_or_on_all(frame_id, name):
 )
 def test_a_bad_wrench_is_refused(values, sentence):
     with pytest.raises(InputError) as refusal:
-        inputs.wrench(wrench_of(**values), 'world', ('ball', 'cube'))
+        message_parsing.wrench(wrench_of(**values), 'world', ('ball', 'cube'))
     assert sentence in str(refusal.value)
     assert len(str(refusal.value)) < 200
 
@@ -324,30 +326,30 @@ def test_points_to_poke():
     message = PointStamped()
     message.header.frame_id = 'world'
     message.point.y = 2.0
-    assert inputs.poked_point(message, 'world') == (0.0, 2.0, 0.0)
+    assert message_parsing.poked_point(message, 'world') == (0.0, 2.0, 0.0)
     for bad in (*NOT_FINITE, 1e7):
         message.point.z = bad
         with pytest.raises(InputError, match=r'point is .* each must be within'):
-            inputs.poked_point(message, 'world')
+            message_parsing.poked_point(message, 'world')
     with pytest.raises(InputError, match="frame_id is 'world': it must be in the frame 'map'"):
-        inputs.poked_point(message, 'map')
+        message_parsing.poked_point(message, 'map')
 
 
 def test_gravities():
     message = Vector3Stamped()
     message.header.frame_id = 'world'
-    assert inputs.gravity(message, 'world') == (0.0, 0.0, 0.0)
+    assert message_parsing.gravity(message, 'world') == (0.0, 0.0, 0.0)
     message.vector.x = -1e4
-    assert inputs.gravity(message, 'world') == (-1e4, 0.0, 0.0)
+    assert message_parsing.gravity(message, 'world') == (-1e4, 0.0, 0.0)
     message.vector.y = 1e4
     with pytest.raises(InputError, match=r'its length must be at most 10000 m/s²'):
-        inputs.gravity(message, 'world')
+        message_parsing.gravity(message, 'world')
     for bad in NOT_FINITE:
         message.vector.y = bad
         with pytest.raises(InputError, match='vector is'):
-            inputs.gravity(message, 'world')
+            message_parsing.gravity(message, 'world')
     with pytest.raises(InputError, match='frame'):
-        inputs.gravity(message, 'map')
+        message_parsing.gravity(message, 'map')
 
 
 # ------------------------------------------------------------------------------- whatever is sent
@@ -425,9 +427,9 @@ def test_any_force_is_read_or_refused(frame_id, numbers):
     fill(point.point, 'xyz', numbers[:3])
     fill(vector.vector, 'xyz', numbers[:3])
     for read, arguments in (
-        (inputs.wrench, (message, 'world', ('ball',))),
-        (inputs.poked_point, (point, 'world')),
-        (inputs.gravity, (vector, 'world')),
+        (message_parsing.wrench, (message, 'world', ('ball',))),
+        (message_parsing.poked_point, (point, 'world')),
+        (message_parsing.gravity, (vector, 'world')),
     ):
         try:
             read(*arguments)
@@ -465,13 +467,13 @@ def test_what_the_readme_sends_is_understood():
     for _, name, text in sent:
         kind = next(kind for kind in kinds if kind.__name__ == name)
         read.append(from_yaml(kind(), yaml.safe_load(text)))
-    (box,), problems = inputs.obstacle_changes(read[0], 'world', H)
+    (box,), problems = message_parsing.obstacle_changes(read[0], 'world', H)
     assert (box.config.type, box.config.size, problems) == ('box', (0.2, 0.2, 0.2), [])
-    (removal,), problems = inputs.obstacle_changes(read[1], 'world', H)
+    (removal,), problems = message_parsing.obstacle_changes(read[1], 'world', H)
     assert removal.takes(box.key) and not problems
-    assert inputs.wrench(read[2], 'world', ('ball',)).name == 'ball'
-    point = inputs.poked_point(read[3], 'world')
-    assert inputs.gravity(read[4], 'world') == (3.0, 0.0, -9.0)
+    assert message_parsing.wrench(read[2], 'world', ('ball',)).name == 'ball'
+    point = message_parsing.poked_point(read[3], 'world')
+    assert message_parsing.gravity(read[4], 'world') == (3.0, 0.0, -9.0)
 
     world = World(WorldConfig())
     world.step(480)

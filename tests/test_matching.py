@@ -19,9 +19,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import MeshError, Surface, make_surface, matching
-from softbody_ros.core.rest_shape import make_rest_shape
-from softbody_ros.core.rotations import rotation
+from softbody_ros.core import MeshError, Surface, make_surface
+from softbody_ros.core.shape_matching import matching
+from softbody_ros.core.shape_matching.polar_decomposition import rotation
+from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
 
 SHAPES = {
     'icosphere': make_surface('icosphere', 0.5, 2),

@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from softbody_ros.core import BodyConfig, MeshError, Surface, World, WorldConfig, make_surface
-from softbody_ros.core import mesh as mesh_module
-from softbody_ros.core.mesh import FILE_TYPES, PRIMITIVES
+from softbody_ros.core.geometry import mesh as mesh_module
+from softbody_ros.core.geometry.mesh import FILE_TYPES, PRIMITIVES
 
 # A tetrahedron, whose corners no symmetry exchanges.
 CORNERS = np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 1.5, 0.0), (0.3, 0.2, 1.0)])

@@ -13,8 +13,9 @@ from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from softbody_ros import messages, parameters
 from softbody_ros.core import RigidFit
+from softbody_ros.ros import messages
+from softbody_ros.scene import parameters
 
 STAMP = 1_700_000_001_123_456_789
 COLOR = (0.25, 0.5, 0.75, 1.0)

@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from softbody_ros.core import MeshError, Surface, make_surface
-from softbody_ros.core.face_table import make_face_table
-from softbody_ros.core.nearest_faces import nearest_faces
+from softbody_ros.core.geometry.face_table import make_face_table
+from softbody_ros.core.geometry.nearest_faces import nearest_faces
 
 
 def thin_plate():

@@ -13,10 +13,10 @@ from std_msgs.msg import ColorRGBA
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softbody_ros import messages
 from softbody_ros.core import ObstacleConfig, World
-from softbody_ros.core.obstacles import made
-from softbody_ros.messages import ShownObstacle
+from softbody_ros.core.collision.obstacles import made
+from softbody_ros.ros import messages
+from softbody_ros.ros.messages import ShownObstacle
 
 SIM = '/softbody_sim'
 TOPIC = f'{SIM}/obstacle_markers'

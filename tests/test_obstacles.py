@@ -18,14 +18,14 @@ from softbody_ros.core import (
     Surface,
     World,
     WorldConfig,
-    contact,
     make_surface,
-    obstacles,
 )
-from softbody_ros.core.gains import make_gains
-from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.collision import obstacles
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.collision.point_obstacles import NO_POINTS
+from softbody_ros.core.contact import soft_obstacle
 from softbody_ros.core.particles import Particles
-from softbody_ros.core.point_obstacles import NO_POINTS
+from softbody_ros.core.shape_matching.gains import make_gains
 from softbody_ros.core.tick import Tick
 
 MODES = ('rigid', 'linear', 'quadratic')
@@ -209,16 +209,16 @@ def test_what_touches_is_nearby_and_what_is_far_away_is_not():
         )
         obstacle = obstacles.moved(obstacles.made(config), 1 / 60)
         thickness = np.full(4, 0.05)
-        every = contact.find(x, obstacle, thickness, start)
-        near = contact.nearby(particles_of(x, start), [obstacle], thickness)[0]
+        every = soft_obstacle.find(x, obstacle, thickness, start)
+        near = soft_obstacle.nearby(particles_of(x, start), [obstacle], thickness)[0]
         assert set(every.body) <= set(near)
-        some = contact.find(x, obstacle, thickness, start, near)
+        some = soft_obstacle.find(x, obstacle, thickness, start, near)
         for one, other in zip(vars(every).values(), vars(some).values(), strict=True):
             assert one == pytest.approx(other, abs=1e-12)
         touching += len(np.unique(every.body))
     assert touching > 60
     ball = obstacles.made(ObstacleConfig(type='sphere', position=(30.0, 0.0, 0.0)))
-    near = contact.nearby(particles_of(x, x), [ball, obstacle], thickness)
+    near = soft_obstacle.nearby(particles_of(x, x), [ball, obstacle], thickness)
     assert [len(bodies) for bodies in near] == [0, 4]
 
 
@@ -230,8 +230,8 @@ def test_slow_contacts_are_those_of_the_closest_point_bit_by_bit(kind):
     x = random.uniform(-1, 1, (2, 3, 200))
     start = x + random.uniform(-0.1, 0.1, x.shape)
     thickness = np.array([0.0, 0.05])
-    without = contact.find(x, obstacle, thickness)
-    swept = contact.find(x, obstacle, thickness, start)
+    without = soft_obstacle.find(x, obstacle, thickness)
+    swept = soft_obstacle.find(x, obstacle, thickness, start)
     assert len(without) > 20
     for one, other in zip(vars(without).values(), vars(swept).values(), strict=True):
         assert np.array_equal(one, other)
@@ -318,13 +318,13 @@ def test_a_particle_stays_on_its_side_whether_it_touches_or_passes():
     ):
         start = np.array([0.1, 0.2, begin]).reshape(1, 3, 1)
         x = np.array([0.3, 0.1, end]).reshape(1, 3, 1)
-        contacts = contact.find(x, obstacle, thickness, start)
+        contacts = soft_obstacle.find(x, obstacle, thickness, start)
         assert contacts.normal == pytest.approx(np.array([(0.0, 0.0, side)]))
         assert contacts.depth == pytest.approx(THIN - side * end)
     # beside it, and away from it
     for begin, end in (((1.5, 0.0, 0.5), (1.5, 0.0, -0.5)), ((0.0, 0.0, THIN), (0.1, 0.0, 0.8))):
         start, x = (np.array(place).reshape(1, 3, 1) for place in (begin, end))
-        assert not len(contact.find(x, obstacle, thickness, start))
+        assert not len(soft_obstacle.find(x, obstacle, thickness, start))
 
 
 def test_goals_behind_a_thin_plate_are_as_deep_as_if_it_were_thick():
@@ -332,11 +332,11 @@ def test_goals_behind_a_thin_plate_are_as_deep_as_if_it_were_thick():
     tick = Tick(None, None, make_gains([BodyConfig()], 1 / 240, 1 / 120), np.zeros(3), 1 / 240)
     for begin, end in ((0.5, -0.4), (0.012, 0.008)):
         start, x = (np.array([0.1, 0.2, z]).reshape(1, 3, 1) for z in (begin, end))
-        contacts = contact.find(x, obstacle, np.zeros(1), start)
+        contacts = soft_obstacle.find(x, obstacle, np.zeros(1), start)
         assert len(contacts) == 1
         for goal, depth in ((-0.3, 0.31), (-0.008, 0.018), (0.008, 0.002), (0.2, 0.0)):
             goals = np.array([[0.1, 0.2, goal]])
-            found = contact.depth_of_goals(contacts, obstacle, goals, tick)
+            found = soft_obstacle.depth_of_goals(contacts, obstacle, goals, tick)
             assert found == pytest.approx(depth)
 
 
@@ -348,9 +348,9 @@ def test_a_goal_at_a_face_at_right_angles_is_as_deep_as_it_is_there_however_a_bo
     tick = Tick(None, None, make_gains([BodyConfig()], 1 / 240, 1 / 120), np.zeros(3), 1 / 240)
     x = (turn @ (0.1, 0.2, 0.9)).reshape(1, 3, 1)
     goals = (turn @ (0.95, 0.2, 0.5))[None]
-    contacts = contact.find(x, cube, np.zeros(1))
+    contacts = soft_obstacle.find(x, cube, np.zeros(1))
     assert contacts.normal[0] == pytest.approx(turn[:, 2])
-    assert contact.depth_of_goals(contacts, cube, goals, tick) == pytest.approx(0.05)
+    assert soft_obstacle.depth_of_goals(contacts, cube, goals, tick) == pytest.approx(0.05)
 
 
 def test_an_obstacle_that_stops_has_no_motion_left():

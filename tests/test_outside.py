@@ -23,8 +23,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, Surface, World, WorldConfig
-from softbody_ros.core.outside import MOST_GUESTS, Outside, Placement, Removal
-from softbody_ros.core.point_obstacles import MOST_POINTS, NO_POINTS, PointObstacles, thinned
+from softbody_ros.core.collision.point_obstacles import (
+    MOST_POINTS,
+    NO_POINTS,
+    PointObstacles,
+    thinned,
+)
+from softbody_ros.core.external_inputs import MOST_GUESTS, Outside, Placement, Removal
 
 MODES = ('rigid', 'linear', 'quadratic')
 SECOND = 1_000_000_000

@@ -7,10 +7,10 @@ import sys
 import pytest
 from scene_files import ROOT, scene_values
 
-from softbody_ros import parameters
 from softbody_ros.core import ConfigError
 from softbody_ros.core.config import checked
-from softbody_ros.parameters import SceneLists
+from softbody_ros.scene import parameters
+from softbody_ros.scene.parameters import SceneLists
 
 TABLE = parameters.table(SceneLists())
 
@@ -100,7 +100,9 @@ def test_own_files_are_found_in_a_checkout_and_where_pip_puts_them(tmp_path, mon
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     assert parameters.mesh_path(uri) == str(ROOT / 'config' / 'duck.obj')
 
-    monkeypatch.setattr(parameters, '__file__', str(tmp_path / 'lib/softbody_ros/parameters.py'))
+    monkeypatch.setattr(
+        parameters, '__file__', str(tmp_path / 'lib/softbody_ros/scene/parameters.py')
+    )
     monkeypatch.setattr(sys, 'prefix', str(tmp_path))
     with pytest.raises(ConfigError, match="package 'softbody_ros' is not installed"):
         parameters.mesh_path(uri)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import ObstacleConfig, World, WorldConfig
-from softbody_ros.core.point_obstacles import PointObstacles
+from softbody_ros.core.collision.point_obstacles import PointObstacles
 
 MODES = ('rigid', 'linear', 'quadratic')
 G = 9.81

@@ -24,8 +24,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, SimulationError, World, WorldConfig
-from softbody_ros.core.goals import intact
-from softbody_ros.core.plasticity import flowed, strain, undeformed
+from softbody_ros.core.shape_matching.goals import intact
+from softbody_ros.core.shape_matching.plasticity import flowed, strain, undeformed
 
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')

@@ -23,8 +23,8 @@ from shape_msgs.msg import Mesh
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
-from softbody_ros import parameters
-from softbody_ros.messages import POINT_TYPE
+from softbody_ros.ros.messages import POINT_TYPE
+from softbody_ros.scene import parameters
 
 ROOT = pathlib.Path(__file__).parent.parent
 SIM = '/softbody_sim'

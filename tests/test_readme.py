@@ -13,10 +13,14 @@ import pytest
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from softbody_ros import parameters
 from softbody_ros.core import BodyConfig, World, WorldConfig
-from softbody_ros.core.gains import damping_ratio, natural_frequency, oscillator_gains
-from softbody_ros.core.rotations import rotation
+from softbody_ros.core.shape_matching.gains import (
+    damping_ratio,
+    natural_frequency,
+    oscillator_gains,
+)
+from softbody_ros.core.shape_matching.polar_decomposition import rotation
+from softbody_ros.scene import parameters
 
 README = (pathlib.Path(__file__).parent.parent / 'README.md').read_text()
 SIM = '/softbody_sim'

@@ -35,10 +35,10 @@ from softbody_ros.core import (
     WorldConfig,
     make_surface,
 )
-from softbody_ros.core.dynamics import Batch, predict
-from softbody_ros.core.goals import find
-from softbody_ros.core.regions import farthest_points, goals, make_regions, match
-from softbody_ros.core.rest_shape import make_rest_shape
+from softbody_ros.core.shape_matching.dynamics import Batch, predict
+from softbody_ros.core.shape_matching.goals import find
+from softbody_ros.core.shape_matching.regions import farthest_points, goals, make_regions, match
+from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
 from softbody_ros.core.tick import Tick
 
 MODES = ('rigid', 'linear', 'quadratic')

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core.rotations import LEAST_STACK, by_formula, by_singular_values, rotation
+from softbody_ros.core.shape_matching.polar_decomposition import (
+    LEAST_STACK,
+    by_formula,
+    by_singular_values,
+    rotation,
+)
 from softbody_ros.core.small_matrices import symmetric_inverse
 
 # as those of a compact body, of a part of a shell, of a sheet, and of something hardly inverted

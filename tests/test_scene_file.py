@@ -8,9 +8,9 @@ import pytest
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from softbody_ros import parameters
 from softbody_ros.core import ConfigError
-from softbody_ros.scene_file import read_scene
+from softbody_ros.scene import parameters
+from softbody_ros.scene.scene_file import read_scene
 
 ROOT = pathlib.Path(__file__).parent.parent
 SCENES = sorted((ROOT / 'config').glob('*.yaml'))
@@ -80,7 +80,7 @@ def test_what_rcl_reads_is_read_likewise(graph, tmp_path):
 
 @pytest.mark.parametrize('path', SCENES, ids=lambda path: path.stem)
 def test_shipped_scenes_are_those_of_the_node(graph, path):
-    from softbody_ros.sim_node import SimNode
+    from softbody_ros.ros.node import SimNode
 
     node = graph.add(
         SimNode(context=graph.context, cli_args=['--ros-args', '--params-file', str(path)])

@@ -17,10 +17,11 @@ from shape_msgs.msg import Mesh
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
-from softbody_ros import parameters, standard_server
 from softbody_ros.core import World
-from softbody_ros.messages import POINT_TYPE, points_array
-from softbody_ros.standard_services import FEATURES
+from softbody_ros.ros import simulation_interfaces_node
+from softbody_ros.ros.messages import POINT_TYPE, points_array
+from softbody_ros.ros.simulation_interfaces import FEATURES
+from softbody_ros.scene import parameters
 
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
@@ -500,7 +501,7 @@ def test_standard_services_are_offered_where_their_package_is_installed(graph):
     graph.spin_until(lambda: f'{SIM}/step' in names())  # it is created just before them
     services = names()
     offered = {name for name in FEATURES if f'{SIM}/{name}' in services}
-    assert offered == set(standard_server.interfaces(graph.node))
+    assert offered == set(simulation_interfaces_node.interfaces(graph.node))
 
 
 def test_two_nodes_in_two_namespaces_do_not_meet(graph):
@@ -524,7 +525,7 @@ def test_unknown_parameters_of_a_body_are_refused_and_others_reported(graph):
 
 
 def test_nothing_is_packed_without_subscribers(graph, monkeypatch):
-    from softbody_ros import messages
+    from softbody_ros.ros import messages
 
     packed = []
     for where, name in [

@@ -8,7 +8,8 @@ from core_helpers import body, bytes_of, centre, floating
 import numpy as np
 import pytest
 
-from softbody_ros.core import ObstacleConfig, World, WorldConfig, dynamics
+from softbody_ros.core import ObstacleConfig, World, WorldConfig
+from softbody_ros.core.shape_matching import dynamics
 
 MODES = ('rigid', 'linear', 'quadratic')
 

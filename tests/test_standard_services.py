@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, World, WorldConfig
-from softbody_ros.standard_services import (
+from softbody_ros.ros.simulation_interfaces import (
     ALREADY_IN_TARGET_STATE,
     FEATURE_UNSUPPORTED,
     FEATURES,
@@ -30,7 +30,7 @@ from softbody_ros.standard_services import (
     Simulation,
     features,
 )
-from softbody_ros.stepping import Stepper
+from softbody_ros.timeline.stepper import Stepper
 
 HERE = np.array([1.0, -2.0, 3.0])
 TURNED = Rotation.from_euler('xyz', [0.3, -0.7, 1.9])

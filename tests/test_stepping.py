@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, World, WorldConfig
-from softbody_ros.stepping import CATCH_UP, LARGEST_LAG, SLICE, Stepper
+from softbody_ros.timeline.stepper import CATCH_UP, LARGEST_LAG, SLICE, Stepper
 
 START = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000

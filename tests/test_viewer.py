@@ -29,7 +29,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from softbody_ros.messages import POINT_TYPE
+from softbody_ros.ros.messages import POINT_TYPE
 
 SIM = '/softbody_sim'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

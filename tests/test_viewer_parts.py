@@ -12,9 +12,10 @@ from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
 import trimesh
 
-from softbody_ros import messages, parameters
 from softbody_ros.core import make_surface
-from softbody_ros.viewer import fields, frames, glb, server
+from softbody_ros.ros import messages
+from softbody_ros.scene import parameters
+from softbody_ros.viewer import decoding, glb, server, widgets
 
 BALL = make_surface('icosphere', 0.5, 3)
 
@@ -25,14 +26,14 @@ def cloud(*bodies, frame_id='world'):
 
 
 def surface(vertices=BALL.vertices, faces=BALL.faces):
-    return frames.Surface(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
+    return decoding.Surface(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
 
 
 # ----------------------------------------------------------------------------------------- frames
 def test_a_frame_is_what_was_packed():
     random = np.random.default_rng(0)
     bodies = [(random.normal(size=(n, 3)), random.uniform(size=n)) for n in (5, 7)]
-    frame = frames.frame(cloud(*bodies, frame_id='map'))
+    frame = decoding.frame(cloud(*bodies, frame_id='map'))
     assert frame.frame_id == 'map'
     np.testing.assert_array_equal(
         frame.positions, np.concatenate([x for x, _ in bodies]).astype(np.float32)
@@ -56,7 +57,7 @@ def test_a_frame_has_any_layout():
     data[:, 1:7] = np.arange(36).reshape(6, 6)
     data[:, 1] = np.arange(6, dtype=np.uint32).view(np.float32)
     message.data = data.tobytes()
-    frame = frames.frame(message)
+    frame = decoding.frame(message)
     assert frame.body.tolist() == [0, 1, 2, 3, 4, 5]
     assert frame.positions[1].tolist() == [11.0, 10.0, 9.0]
 
@@ -65,50 +66,52 @@ def test_clouds_of_others_are_refused():
     bodies = (np.zeros((2, 3)), np.zeros(2))
     message = cloud(bodies)
     message.fields = message.fields[:3]
-    with pytest.raises(frames.FrameError, match='it lacks displacement, body'):
-        frames.frame(message)
+    with pytest.raises(decoding.FrameError, match='it lacks displacement, body'):
+        decoding.frame(message)
     message = cloud(*[(np.zeros((1, 3)), np.zeros(1))] * 2)
     message.width = 1
     message.data = message.data[20:]
-    with pytest.raises(frames.FrameError, match='1 points, but one of body 1'):
-        frames.frame(message)
+    with pytest.raises(decoding.FrameError, match='1 points, but one of body 1'):
+        decoding.frame(message)
     message = cloud(bodies)
     message.width = 3
-    with pytest.raises(frames.FrameError, match='cut off: 40 bytes for 3 points'):
-        frames.frame(message)
+    with pytest.raises(decoding.FrameError, match='cut off: 40 bytes for 3 points'):
+        decoding.frame(message)
     for step in (0, 16, 2**31):
         message.point_step = step
-        with pytest.raises(frames.FrameError, match=f'no room for its fields: point_step {step}'):
-            frames.frame(message)
+        with pytest.raises(
+            decoding.FrameError, match=f'no room for its fields: point_step {step}'
+        ):
+            decoding.frame(message)
     message.is_bigendian = True
-    with pytest.raises(frames.FrameError, match='big-endian'):
-        frames.frame(message)
+    with pytest.raises(decoding.FrameError, match='big-endian'):
+        decoding.frame(message)
 
 
 @pytest.mark.parametrize('triangles', [0, 1, 2, len(BALL.faces)])
 def test_a_surface_is_what_was_packed(triangles):
     data = messages.serialized_mesh(BALL.vertices, BALL.faces[:triangles])
-    read = frames.surface(data)
+    read = decoding.surface(data)
     np.testing.assert_array_equal(read.vertices, BALL.vertices)
     np.testing.assert_array_equal(read.faces, BALL.faces[:triangles])
     # as rclpy packs it
-    again = frames.surface(serialize_message(deserialize_message(data, Mesh)))
+    again = decoding.surface(serialize_message(deserialize_message(data, Mesh)))
     np.testing.assert_array_equal(again.vertices, read.vertices)
     np.testing.assert_array_equal(again.faces, read.faces)
 
 
 def test_broken_surfaces_are_refused():
     broken = Mesh(vertices=[Point()], triangles=[MeshTriangle(vertex_indices=[0, 1, 0])])
-    with pytest.raises(frames.FrameError, match='1 vertices, but not number 1'):
-        frames.surface(serialize_message(broken))
+    with pytest.raises(decoding.FrameError, match='1 vertices, but not number 1'):
+        decoding.surface(serialize_message(broken))
     data = serialize_message(broken)
     for length in range(len(data)):
-        with pytest.raises(frames.FrameError):
-            frames.surface(data[:length])
-    assert frames.surface(serialize_message(Mesh())).vertices.shape == (0, 3)
+        with pytest.raises(decoding.FrameError):
+            decoding.surface(data[:length])
+    assert decoding.surface(serialize_message(Mesh())).vertices.shape == (0, 3)
     for nowhere in (np.nan, -np.inf, 1e308):
-        with pytest.raises(frames.FrameError, match='not finite'):
-            frames.surface(serialize_message(Mesh(vertices=[Point(x=nowhere)])))
+        with pytest.raises(decoding.FrameError, match='not finite'):
+            decoding.surface(serialize_message(Mesh(vertices=[Point(x=nowhere)])))
 
 
 def test_another_scene_is_elsewhere_the_same_one_finer_is_not():
@@ -120,7 +123,7 @@ def test_another_scene_is_elsewhere_the_same_one_finer_is_not():
 
 
 def test_colours_beyond_the_range_are_cut():
-    assert frames.to_bytes([np.nan, -1.0, 0.5, np.inf]) == (0, 0, 128, 255)
+    assert decoding.to_bytes([np.nan, -1.0, 0.5, np.inf]) == (0, 0, 128, 255)
 
 
 def test_parts_are_the_colours_however_many_bodies():
@@ -128,7 +131,7 @@ def test_parts_are_the_colours_however_many_bodies():
     n = len(BALL.vertices)
     faces = np.concatenate([BALL.faces + n * index for index in range(5)])
     red, blue = (255, 0, 0, 255), (0, 0, 255, 128)
-    parts = frames.parts(
+    parts = decoding.parts(
         surface(vertices, faces), np.repeat(range(5), n), [red, blue, red, red, blue]
     )
     assert [part.color for part in parts] == [red, blue]
@@ -160,30 +163,30 @@ def test_the_coloured_file_is_replaced_in_place():
 
 
 def test_heat_runs_from_the_first_colour_to_the_last():
-    colors = frames.heat(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]), 1.0).astype(float)
+    colors = decoding.heat(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]), 1.0).astype(float)
     srgb = 255.0 * (1.055 * (colors[:, :3] / 255.0) ** (1 / 2.4) - 0.055)
-    np.testing.assert_allclose(srgb[[0, 1]], frames.COLORS[[0, 0]], atol=2)
-    np.testing.assert_allclose(srgb[2], frames.COLORS[4], atol=3)
-    np.testing.assert_allclose(srgb[[3, 4]], frames.COLORS[[-1, -1]], atol=2)
+    np.testing.assert_allclose(srgb[[0, 1]], decoding.COLORS[[0, 0]], atol=2)
+    np.testing.assert_allclose(srgb[2], decoding.COLORS[4], atol=3)
+    np.testing.assert_allclose(srgb[[3, 4]], decoding.COLORS[[-1, -1]], atol=2)
 
 
 @pytest.mark.parametrize(
     ('value', 'rounded'), [(0.0010001, 0.002), (0.3, 0.5), (1.0, 1.0), (9.81, 10.0), (2e6, 2e6)]
 )
 def test_round_up(value, rounded):
-    assert frames.round_up(value) == rounded
+    assert decoding.round_up(value) == rounded
 
 
 def test_a_ray_meets_the_near_side_first():
     ball = surface()
-    hit = frames.first_hit(
+    hit = decoding.first_hit(
         np.array([0.1, -5.0, 0.2]), np.array([0.0, 2.0, 0.0]), ball.vertices, ball.faces
     )
     np.testing.assert_allclose(hit, [0.1, -np.sqrt(0.25 - 0.05), 0.2], atol=5e-3)
     away = np.array([0.0, -1.0, 0.0])
-    assert frames.first_hit(np.array([0.1, -5.0, 0.2]), away, ball.vertices, ball.faces) is None
+    assert decoding.first_hit(np.array([0.1, -5.0, 0.2]), away, ball.vertices, ball.faces) is None
     past = np.array([1.0, 0.0, 0.0])
-    assert frames.first_hit(np.array([-5.0, 0.6, 0.0]), past, ball.vertices, ball.faces) is None
+    assert decoding.first_hit(np.array([-5.0, 0.6, 0.0]), past, ball.vertices, ball.faces) is None
 
 
 # ----------------------------------------------------------------------------------------- fields
@@ -195,7 +198,7 @@ def described():
         value = parameters.as_parameter(facts.default, facts)
         descriptor.name, descriptor.type = name, fields_type(value)
         if not facts.read_only:
-            result[name] = fields.field(descriptor, value), value
+            result[name] = widgets.field(descriptor, value), value
     return result
 
 
@@ -208,7 +211,7 @@ def fields_type(value):
 def test_every_parameter_has_a_widget_that_gives_its_value_back():
     kinds = {}
     for field, value in described().values():
-        back = fields.from_widget(field, fields.to_widget(field, value))
+        back = widgets.from_widget(field, widgets.to_widget(field, value))
         assert back == pytest.approx(value, abs=2e-3) if field.kind == 'color' else back == value
         assert type(back) is type(value)
         kinds.setdefault(field.kind, field.name)
@@ -226,13 +229,13 @@ def test_a_field_says_what_the_descriptor_says():
 def test_a_slider_shows_its_value_and_stays_within_the_range(value):
     for field, _ in described().values():
         if field.kind == 'slider' and field.minimum <= value <= field.maximum:
-            low, high, step = fields.slider_range(field, value)
+            low, high, step = widgets.slider_range(field, value)
             assert field.minimum <= low <= value <= high <= field.maximum, field
             assert step <= (high - low) / 100.0
 
 
 def test_narrow_ranges_are_shown_whole():
-    assert fields.slider_range(described()['ball.stiffness'][0], 0.1)[:2] == (0.0, 1.0)
+    assert widgets.slider_range(described()['ball.stiffness'][0], 0.1)[:2] == (0.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -247,21 +250,21 @@ def test_narrow_ranges_are_shown_whole():
 )
 def test_what_a_widget_cannot_show_is_told(name, good, bad):
     field, _ = described()[name]
-    assert fields.can_show(field, good)
-    assert not fields.can_show(field, bad)
+    assert widgets.can_show(field, good)
+    assert not widgets.can_show(field, bad)
 
 
 def test_lists_are_typed_with_commas():
     field, _ = described()['ball.pins.indices']
-    assert fields.from_widget(field, ' [1, 2  3,4]') == [1, 2, 3, 4]
-    assert fields.from_widget(field, '') == []
-    with pytest.raises(fields.FieldError, match="'1, b' is no list of whole numbers"):
-        fields.from_widget(field, '1, b')
+    assert widgets.from_widget(field, ' [1, 2  3,4]') == [1, 2, 3, 4]
+    assert widgets.from_widget(field, '') == []
+    with pytest.raises(widgets.FieldError, match="'1, b' is no list of whole numbers"):
+        widgets.from_widget(field, '1, b')
 
 
 def test_sections_are_grouped_as_in_the_original_and_hold_every_parameter_once():
     names = list(described())
-    (gravity, rest), bodies, obstacles = fields.sections(names, ['ball'], ['ground'])
+    (gravity, rest), bodies, obstacles = widgets.sections(names, ['ball'], ['ground'])
     assert gravity.names == ('gravity.magnitude', 'gravity.direction')
     main, velocity, more = bodies['ball']
     assert [name.removeprefix('ball.') for name in main.names] == [
@@ -269,8 +272,8 @@ def test_sections_are_grouped_as_in_the_original_and_hold_every_parameter_once()
     ]  # fmt: skip
     assert velocity.names == ('ball.initial_velocity.linear', 'ball.initial_velocity.angular')
     for section, first in [(main, 'mass [kg]'), (velocity, 'linear [m∕s]')]:
-        assert fields.label(described()[section.names[0]][0], section) == first
-    assert fields.label(described()['poke.radius'][0], rest) == 'poke radius [m]'
+        assert widgets.label(described()[section.names[0]][0], section) == first
+    assert widgets.label(described()['poke.radius'][0], rest) == 'poke radius [m]'
     everything = [gravity, rest, main, velocity, more, *obstacles['ground']]
     assert sorted(sum((section.names for section in everything), ())) == sorted(names)
 

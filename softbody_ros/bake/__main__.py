@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from softbody_ros.bake.film import Film, Writer
-    from softbody_ros.parameters import Scene
+    from softbody_ros.scene.parameters import Scene
 
 USD = ('softbody_ros.bake.usd', 'UsdWriter', 'pxr', 'usd-core')
 GLTF = ('softbody_ros.bake.gltf', 'GltfWriter', 'pygltflib', 'pygltflib')
@@ -160,8 +160,8 @@ def _writer(path: Path) -> Any:
 
 
 def _scene(options: argparse.Namespace) -> Scene:
-    from softbody_ros import parameters
-    from softbody_ros.scene_file import NODE, read_scene
+    from softbody_ros.scene import parameters
+    from softbody_ros.scene.scene_file import NODE, read_scene
 
     if not read_scene(options.scene):
         _warn(f'scene {options.scene} has no parameters for {NODE}: the default scene is baked')

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import ConfigError, ObstacleConfig, Surface, World
-from softbody_ros.core.obstacles import Obstacle
-from softbody_ros.parameters import Scene
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.scene.parameters import Scene
 
 LONGEST = 86400.0
 """Seconds."""

@@ -19,7 +19,7 @@ from pygltflib import GLTF2, Accessor, Attributes, BufferView
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
 from softbody_ros.bake.shading import shading
 from softbody_ros.core import ConfigError, Surface
-from softbody_ros.core.obstacle_surface import obstacle_surface
+from softbody_ros.core.collision.tessellation import obstacle_surface
 
 LARGEST = 2**32 - 1
 """Bytes in a file: its header says them in 32 bits."""

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from softbody_ros.core import Surface
-from softbody_ros.core.mesh import vertex_normals
+from softbody_ros.core.geometry.mesh import vertex_normals
 
 CREASE = np.radians(50.0)
 """Edges that turn more than this at rest stay sharp: those of a box, not those of a ball."""

@@ -24,8 +24,8 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
 from softbody_ros.bake.shading import Shading, shading
 from softbody_ros.core import Surface
-from softbody_ros.core.obstacle_surface import obstacle_surface
-from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.collision.tessellation import obstacle_surface
 
 ROOT = '/scene'
 SAVED_AT_ONCE = 64 << 20

@@ -32,10 +32,10 @@ sleep
 columns, sums, particles, boxes, grid and the like are tools of these.
 """
 
+from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
-from softbody_ros.core.mesh import MeshError, Surface, make_surface
-from softbody_ros.core.outside import Placement, Removal
-from softbody_ros.core.point_obstacles import PointObstacles
+from softbody_ros.core.external_inputs import Placement, Removal
+from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.tick import SimulationError
 from softbody_ros.core.world import RigidFit, Snapshot, World
 

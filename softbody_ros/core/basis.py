@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softbody_ros.core.rest_shape import RestShape
+from softbody_ros.core.shape_matching.rest_shape import RestShape
 from softbody_ros.core.sums import blocks, mapped, sums
 
 POSITION, VELOCITY, REGIONS = slice(0, 3), slice(3, 6), slice(6, 9)

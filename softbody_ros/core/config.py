@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from softbody_ros.core.mesh import LARGEST_MESH, PRIMITIVES, Surface
+from softbody_ros.core.geometry.mesh import LARGEST_MESH, PRIMITIVES, Surface
 
 MODES = ('rigid', 'linear', 'quadratic')
 FRICTION_MODELS = ('viscous', 'coulomb')

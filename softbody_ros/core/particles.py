@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softbody_ros.core import rigid_motion
 from softbody_ros.core.basis import POSITION, VELOCITY, Basis
+from softbody_ros.core.shape_matching import rigid_motion
 from softbody_ros.core.sums import blocks, mapped
 
 _AXES = np.arange(3)[:, None]

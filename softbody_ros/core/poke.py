@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from softbody_ros.core import rigid_motion
-from softbody_ros.core.mesh import vertex_normals
-from softbody_ros.core.rest_shape import RestShape
+from softbody_ros.core.geometry.mesh import vertex_normals
+from softbody_ros.core.shape_matching import rigid_motion
+from softbody_ros.core.shape_matching.rest_shape import RestShape
 from softbody_ros.core.sums import weighted
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softbody_ros.core.gains import Gains
-from softbody_ros.core.regions import Regions
-from softbody_ros.core.rest_shape import RestShape
+from softbody_ros.core.shape_matching.gains import Gains
+from softbody_ros.core.shape_matching.regions import Regions
+from softbody_ros.core.shape_matching.rest_shape import RestShape
 
 SLOW_TICKS = 2.0
 """What gravity adds in so many ticks is too slow to bounce, so that bodies come to rest."""

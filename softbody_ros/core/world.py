@@ -13,18 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import (
-    body_contact,
-    boxes,
-    dynamics,
-    matching,
-    obstacles,
-    plasticity,
-    poke,
-    rigid_motion,
-    sleep,
-)
+from softbody_ros.core import poke, sleeping
 from softbody_ros.core.basis import POSITION
+from softbody_ros.core.collision import obstacles
+from softbody_ros.core.collision.collision_surface import Skin
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import (
     BodyConfig,
     ConfigError,
@@ -33,18 +27,25 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
-from softbody_ros.core.dynamics import Batch, Flight
-from softbody_ros.core.gains import Gains, make_gains, natural_frequency
-from softbody_ros.core.mesh import MeshError, Surface, make_surface
-from softbody_ros.core.obstacles import Obstacle
-from softbody_ros.core.outside import EVERY_BODY, Outside, Placement, Removal, Wrench, ticks_of
-from softbody_ros.core.pins import Pins, make_pins, pinned_particles
-from softbody_ros.core.point_obstacles import PointObstacles
-from softbody_ros.core.regions import Regions, make_regions
-from softbody_ros.core.rest_shape import RestShape, make_rest_shape
-from softbody_ros.core.rotations import rotation
-from softbody_ros.core.skin import Skin
-from softbody_ros.core.sleep import Stillness
+from softbody_ros.core.contact import body_body
+from softbody_ros.core.external_inputs import (
+    EVERY_BODY,
+    Outside,
+    Placement,
+    Removal,
+    Wrench,
+    ticks_of,
+)
+from softbody_ros.core.geometry import bounding_boxes
+from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.shape_matching import dynamics, matching, plasticity, rigid_motion
+from softbody_ros.core.shape_matching.dynamics import Batch, Flight
+from softbody_ros.core.shape_matching.gains import Gains, make_gains, natural_frequency
+from softbody_ros.core.shape_matching.pins import Pins, make_pins, pinned_particles
+from softbody_ros.core.shape_matching.polar_decomposition import rotation
+from softbody_ros.core.shape_matching.regions import Regions, make_regions
+from softbody_ros.core.shape_matching.rest_shape import RestShape, make_rest_shape
+from softbody_ros.core.sleeping import Stillness
 from softbody_ros.core.sums import weighted
 from softbody_ros.core.tick import SimulationError
 
@@ -188,7 +189,7 @@ class World:
             }
             skins = [self._skins[index] for index in flights]
             meeting = (list(flights.values()), skins, there, outside.points)
-            self._computed(self.names, body_contact.meet, *meeting)
+            self._computed(self.names, body_body.meet, *meeting)
             for index, flight in flights.items():
                 self._computed(self._members[index], dynamics.land, flight, there)
         for index, flight in flights.items():
@@ -199,7 +200,7 @@ class World:
         self._obstacles, self._outside = moved, outside
         self.tick += 1
         self._let(self._outside.at(self.tick))
-        if self.tick % max(round(sleep.WATCH / h), 1) == 0:
+        if self.tick % max(round(sleeping.WATCH / h), 1) == 0:
             self._watch()
 
     def _fly(self, index: int, awake: np.ndarray) -> Flight:
@@ -235,15 +236,15 @@ class World:
         for batch, watched, gains, pinned in zip(
             self._batches, self._watched, self._gains, self._pinned, strict=True
         ):
-            way.append(sleep.look(watched, batch.x, batch.rest))
-            lies.append(sleep.lying(batch.x, batch.rest, gains, still, points, pinned, fall))
+            way.append(sleeping.look(watched, batch.x, batch.rest))
+            lies.append(sleeping.lying(batch.x, batch.rest, gains, still, points, pinned, fall))
         low, high = self._boxes()
-        sleep.fall_asleep(
+        sleeping.fall_asleep(
             self._watched,
             np.concatenate(way),
             np.concatenate(lies),
-            sleep.stirred(low, high, there),
-            boxes.overlapping(low, high),
+            sleeping.stirred(low, high, there),
+            bounding_boxes.overlapping(low, high),
         )
         for batch, watched, pinned in zip(self._batches, self._watched, self._pinned, strict=True):
             batch.v[~watched.awake] = 0.0
@@ -258,15 +259,15 @@ class World:
         moving = any(obstacle.moves for obstacle in there)
         if moving or any(watched.awake.any() for watched in self._watched):
             low, high = self._boxes()
-            neighbours = boxes.overlapping(low, high)
-            sleep.wake_neighbours(self._watched, sleep.stirred(low, high, there), neighbours)
+            neighbours = bounding_boxes.overlapping(low, high)
+            sleeping.wake_neighbours(self._watched, sleeping.stirred(low, high, there), neighbours)
 
     def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return corners (C, 3) of boxes around all bodies, batch by batch, m."""
         corners = [(np.zeros((0, 3)), np.zeros((0, 3)))]
         for batch, gains in zip(self._batches, self._gains, strict=True):
-            reach = (gains.thickness + sleep.QUIET * batch.rest.scale)[:, None]
-            low, high = boxes.bounds(batch.x)
+            reach = (gains.thickness + sleeping.QUIET * batch.rest.scale)[:, None]
+            low, high = bounding_boxes.bounds(batch.x)
             corners.append((low - reach, high + reach))
         lowest, highest = zip(*corners, strict=True)
         return np.concatenate(lowest), np.concatenate(highest)
@@ -291,7 +292,7 @@ class World:
             for name, each in zip(names, particles, strict=True):
                 each[POSITION] = _start_positions(self.body_config(name), rest)
             self._batches.append(Batch(rest, parts, particles))
-        self._watched = [sleep.stillness(batch.x) for batch in self._batches]
+        self._watched = [sleeping.stillness(batch.x) for batch in self._batches]
         self.apply_initial_velocity()
 
     def apply_initial_velocity(self) -> None:

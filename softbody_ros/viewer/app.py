@@ -29,14 +29,14 @@ from std_srvs.srv import SetBool, Trigger
 import viser
 from visualization_msgs.msg import MarkerArray
 
-from softbody_ros.spinning import spin
-from softbody_ros.viewer import fields, frames
-from softbody_ros.viewer.fields import Field
-from softbody_ros.viewer.frames import Frame, FrameError, Surface
+from softbody_ros.ros.spinning import spin
+from softbody_ros.viewer import decoding, widgets
+from softbody_ros.viewer.decoding import Frame, FrameError, Surface
 from softbody_ros.viewer.panel import Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
-from softbody_ros.viewer.stage import Stage
+from softbody_ros.viewer.view3d import Stage
+from softbody_ros.viewer.widgets import Field
 
 SILENCE = 3.0
 """Seconds after which a node that says nothing is gone: its diagnostics come once a second."""
@@ -117,7 +117,7 @@ class Viewer(Node):
 
     def _take_mesh(self, mesh: bytes) -> None:
         try:
-            surface = frames.surface(mesh)
+            surface = decoding.surface(mesh)
         except FrameError as error:
             self._problem = f'{self._target}/rest_mesh: {error}'
             return
@@ -146,7 +146,7 @@ class Viewer(Node):
         if cloud is None or self._surface is None:
             return
         try:
-            self._frame = frames.frame(deserialize_message(cloud, PointCloud2))
+            self._frame = decoding.frame(deserialize_message(cloud, PointCloud2))
         except FrameError as error:
             self._problem = f'{self._target}/points: {error}'
             return
@@ -178,7 +178,7 @@ class Viewer(Node):
             peak for peak in self._peaks if now - peak[0] < MEMORY and peak[1] > largest
         ]
         self._peaks.append((now, largest))
-        return frames.round_up(max(self._peaks[0][1], 1e-3), LEGEND_ENDS)
+        return decoding.round_up(max(self._peaks[0][1], 1e-3), LEGEND_ENDS)
 
     def _tell(self) -> None:
         """Write the status of the last second."""
@@ -239,9 +239,9 @@ class Viewer(Node):
         """Make the panel of the node's parameters."""
         self._is_described = True
         shown = [
-            fields.field(item, values[item.name])
+            widgets.field(item, values[item.name])
             for item in descriptors
-            if not item.read_only and item.type in fields.TYPES
+            if not item.read_only and item.type in widgets.TYPES
         ]
         self._names = [name for name in values.get('bodies', []) if name]
         obstacles = [name for name in values.get('obstacles', []) if name]
@@ -268,8 +268,8 @@ class Viewer(Node):
     # -------------------------------------------------------------------- what is done on the page
     def _change(self, field: Field, value: Any) -> None:
         try:
-            self._remote.set(field.name, field.type, fields.from_widget(field, value))
-        except fields.FieldError as error:
+            self._remote.set(field.name, field.type, widgets.from_widget(field, value))
+        except widgets.FieldError as error:
             self.refused(field.name, str(error))
             self._panel.restore(field.name)
 
@@ -295,7 +295,7 @@ class Viewer(Node):
     def _poke_along(self, origin: np.ndarray, direction: np.ndarray) -> None:
         if self._frame is None or self._surface is None or not self._surface.fits(self._frame):
             return
-        point = frames.first_hit(origin, direction, self._frame.positions, self._surface.faces)
+        point = decoding.first_hit(origin, direction, self._frame.positions, self._surface.faces)
         if point is None:
             return
         message = PointStamped()
@@ -305,13 +305,13 @@ class Viewer(Node):
 
 
 def _palette(index: int) -> tuple[int, int, int, int]:
-    return (*frames.PALETTE[index % len(frames.PALETTE)], 255)
+    return (*decoding.PALETTE[index % len(decoding.PALETTE)], 255)
 
 
 def _rgba(color: Any) -> tuple[int, int, int, int]:
     if color is None or len(color) != 4:
         return _palette(0)
-    red, green, blue, alpha = frames.to_bytes(color)
+    red, green, blue, alpha = decoding.to_bytes(color)
     return red, green, blue, alpha
 
 

@@ -10,7 +10,7 @@ import struct
 import numpy as np
 import trimesh
 
-from softbody_ros.viewer.frames import Surface
+from softbody_ros.viewer.decoding import Surface
 
 
 class ColoredFile:

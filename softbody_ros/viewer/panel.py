@@ -13,9 +13,9 @@ from typing import Any
 import viser
 from viser import Icon
 
-from softbody_ros.viewer import fields
-from softbody_ros.viewer.fields import Field, Section
-from softbody_ros.viewer.frames import COLORS
+from softbody_ros.viewer import widgets
+from softbody_ros.viewer.decoding import COLORS
+from softbody_ros.viewer.widgets import Field, Section
 
 BY_BODY, BY_DISPLACEMENT = 'body', 'displacement'
 SETTLED = 1.0
@@ -132,7 +132,9 @@ class Panel:
         self._widgets.clear()
         for folder in self._folders:
             folder.remove()
-        (gravity, rest), of_bodies, of_obstacles = fields.sections(self._fields, bodies, obstacles)
+        (gravity, rest), of_bodies, of_obstacles = widgets.sections(
+            self._fields, bodies, obstacles
+        )
         self._folders = [self._folder(gravity)]
         self._folders += self._chooser('body', of_bodies)
         self._folders += self._chooser('obstacle', of_obstacles)
@@ -166,10 +168,10 @@ class Panel:
         with folder:
             for name in section.names:
                 field = self._fields[name]
-                words = fields.label(field, section)
+                words = widgets.label(field, section)
                 self._widgets[name] = self._widget(words, field, self._values[name])
                 self._widgets[name].on_update(partial(self._updated, field))
-            if any(name.endswith(fields.VELOCITY) for name in section.names):
+            if any(name.endswith(widgets.VELOCITY) for name in section.names):
                 self._button(
                     'Apply velocity', 'apply_initial_velocity',
                     'set the velocities of all bodies, without moving them', Icon.ARROW_UP_RIGHT,
@@ -177,10 +179,10 @@ class Panel:
         return folder
 
     def _widget(self, label: str, field: Field, value: Any) -> Any:
-        shown = fields.to_widget(field, value)
+        shown = widgets.to_widget(field, value)
         match field.kind:
             case 'slider':
-                low, high, step = fields.slider_range(field, value)
+                low, high, step = widgets.slider_range(field, value)
                 return self._gui.add_slider(label, low, high, step, shown, hint=field.hint)
             case 'number':
                 return self._gui.add_number(
@@ -211,9 +213,9 @@ class Panel:
         """Show a parameter's value, whoever has set it."""
         self._values[name] = value
         widget, field = self._widgets.get(name), self._fields.get(name)
-        if widget is None or field is None or not fields.can_show(field, value):
+        if widget is None or field is None or not widgets.can_show(field, value):
             return
-        shown = fields.to_widget(field, value)
+        shown = widgets.to_widget(field, value)
         if field.kind == 'slider' and not widget.min <= shown <= widget.max:
             self._fit_slider(field, widget)
         widget.value = shown
@@ -236,9 +238,9 @@ class Panel:
                     self._fit_slider(field, widget)
 
     def _fit_slider(self, field: Field, widget: Any) -> None:
-        low, high, widget.step = fields.slider_range(field, self._values[field.name])
+        low, high, widget.step = widgets.slider_range(field, self._values[field.name])
         widget.min, widget.max = low, high
-        widget.precision = fields.decimals(widget.step)
+        widget.precision = widgets.decimals(widget.step)
 
 
 def _length(metres: float) -> str:

@@ -3,7 +3,7 @@
 """
 How long it takes to read what others send, and to let it act.
 
-python3 tests/benchmarks/inputs.py
+python3 tests/benchmarks/message_parsing.py
 """
 
 from pathlib import Path
@@ -17,8 +17,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softbody_ros import inputs
 from softbody_ros.core import World, WorldConfig
+from softbody_ros.ros import message_parsing
 
 ROUNDS = 5
 
@@ -87,7 +87,8 @@ def main():
         message = cloud(count)
         report(
             f'{count} points', world, PointCloud2, iter([message] * ROUNDS),
-            lambda message: inputs.point_obstacles(message, 'world', 0.02), world.set_points,
+            lambda message: message_parsing.point_obstacles(message, 'world', 0.02),
+            world.set_points,
         )  # fmt: skip
     for count in (10, 100, 1000):
         for moves in (False, True):
@@ -95,7 +96,7 @@ def main():
             report(
                 f'{count} markers that {"move" if moves else "do not move"}', world, MarkerArray,
                 markers(count, moves),
-                lambda message: inputs.obstacle_changes(message, 'world', 1 / 240),
+                lambda message: message_parsing.obstacle_changes(message, 'world', 1 / 240),
                 world.change_obstacles,
             )  # fmt: skip
 

@@ -42,7 +42,7 @@ from sensor_msgs.msg import PointCloud2
 import trimesh
 from visualization_msgs.msg import Marker
 
-from softbody_ros.sim_node import SimNode
+from softbody_ros.ros.node import SimNode
 
 ROOT = Path(__file__).parents[2]
 PROFILE = ROOT / 'config' / 'fastdds_large_meshes.xml'
@@ -429,7 +429,7 @@ def start_once(age: float) -> list[float]:
 def import_times() -> list[list[str]]:
     """Return how long the imports take that each package starts, longest first."""
     lines = subprocess.run(
-        [sys.executable, '-X', 'importtime', '-c', 'import softbody_ros.sim_node'],
+        [sys.executable, '-X', 'importtime', '-c', 'import softbody_ros.ros.node'],
         cwd=ROOT, check=True, capture_output=True, text=True,
     ).stderr  # fmt: skip
     total: Counter[str] = Counter()

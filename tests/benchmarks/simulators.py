@@ -17,7 +17,7 @@ import numpy as np
 import trimesh
 from workloads import GRAVITY, STEP
 
-from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, sleep
+from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, sleeping
 
 STIFFNESS = 0.8
 
@@ -31,7 +31,7 @@ class Ours:
     largest = 4_000_000
 
     def __init__(self, workload):
-        sleep.QUIET_LOOKS = 1 << 30  # so often a body has to lie still before it falls asleep
+        sleeping.QUIET_LOOKS = 1 << 30  # so often a body has to lie still before it falls asleep
         surface = Surface(workload.mesh.vertices, workload.mesh.faces)
         bodies = tuple(
             BodyConfig(

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 import trimesh
 
-from softbody_ros.core.regions import farthest_points
+from softbody_ros.core.shape_matching.regions import farthest_points
 
 RADIUS = 0.5
 """m"""

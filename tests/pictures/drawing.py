@@ -13,8 +13,8 @@ from pictures.raster import Thing, View
 from PIL import Image, ImageDraw, ImageFont
 
 from softbody_ros.core import World
-from softbody_ros.core.obstacle_surface import obstacle_surface
-from softbody_ros.core.obstacles import Obstacle
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.collision.tessellation import obstacle_surface
 
 Paint = Callable[[np.ndarray], np.ndarray] | Sequence[float]
 FLOOR = np.array([0.93, 0.92, 0.9])

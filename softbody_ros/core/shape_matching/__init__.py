@@ -1,0 +1,3 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Meshless shape matching: a body moved towards its goal positions."""

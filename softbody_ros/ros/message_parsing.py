@@ -1,0 +1,325 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Messages to NumPy: what others send, as the core wants it, or one sentence that says why not.
+
+Pure functions. Anybody may send anything: no message makes them raise anything but `InputError`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import functools
+import itertools
+import math
+from typing import Any
+
+from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
+import numpy as np
+from sensor_msgs.msg import PointCloud2, PointField
+from visualization_msgs.msg import Marker, MarkerArray
+
+from softbody_ros.core.collision.point_obstacles import NO_POINTS, PointObstacles, thinned
+from softbody_ros.core.config import (
+    LARGEST,
+    ObstacleConfig,
+    WorldConfig,
+    in_brackets,
+    settings,
+    unknown_name,
+)
+from softbody_ros.core.external_inputs import MOST_GUESTS, Placement, Removal
+
+SHAPES = {
+    Marker.CUBE: 'box',
+    Marker.SPHERE: 'sphere',
+    Marker.CYLINDER: 'cylinder',
+}
+"""Obstacle types of the marker types that can be obstacles."""
+ROUND = {Marker.SPHERE: 'x y z', Marker.CYLINDER: 'x y'}
+"""Which diameters of a round shape must be equal."""
+UNEQUAL = 1e-3
+"""Diameters that differ by less than this fraction are taken for equal."""
+MOST_MARKERS = 2 * MOST_GUESTS
+"""Markers of one array that are looked at: enough to take all obstacles away and put others."""
+LARGEST_WRENCH = 1e9
+FLOATS = {PointField.FLOAT32: 'f4', PointField.FLOAT64: 'f8'}
+
+_SIZE = next(facts for name, _, facts in settings(ObstacleConfig) if name == 'size')
+_GRAVITY = next(facts for name, _, facts in settings(WorldConfig) if name == 'gravity_magnitude')
+
+
+class InputError(ValueError):
+    """A message that cannot be used: one sentence with value, allowed range and remedy."""
+
+
+# ------------------------------------------------------------------------------------- obstacles
+def obstacle_changes(
+    message: MarkerArray, frame_id: str, time_step: float, pace: float = 1.0
+) -> tuple[list[Placement | Removal], list[str]]:
+    """
+    Return what a MarkerArray changes, and a sentence for each of its markers that is ignored.
+
+    Parameters
+    ----------
+    message : visualization_msgs/MarkerArray
+    frame_id : str
+        the frame in which obstacles must be
+    time_step : float
+        s per tick
+    pace : float
+        simulated seconds per second of the clock of the stamps
+
+    """
+    changes: list[Placement | Removal] = []
+    problems = []
+    for marker in message.markers[:MOST_MARKERS]:
+        try:
+            changes.append(_change(marker, frame_id, time_step, pace))
+        except InputError as error:
+            name = f'{_quoted(marker.ns)}/{marker.id}'
+            problems.append(f'marker {name} is ignored: {error}')
+    beyond = len(message.markers) - MOST_MARKERS
+    if beyond > 0:
+        problems.append(
+            f'the array has {len(message.markers)} markers: only the first {MOST_MARKERS} are used'
+        )
+    return changes, problems
+
+
+def _change(marker: Marker, frame_id: str, time_step: float, pace: float) -> Placement | Removal:
+    if marker.action == Marker.DELETE:
+        return Removal(marker.ns, marker.id)
+    if marker.action == Marker.DELETEALL:
+        return Removal(marker.ns)
+    if marker.action != Marker.ADD:
+        raise InputError(f'action is {marker.action}: use ADD (0), DELETE (2) or DELETEALL (3)')
+    require_frame(marker.header.frame_id, frame_id)
+    if marker.type not in SHAPES:
+        raise InputError(
+            f'type is {marker.type}: obstacles are CUBE (1), SPHERE (2) or CYLINDER (3)'
+        )
+    pose, scale = marker.pose, marker.scale
+    config = _obstacle(
+        marker.type,
+        (pose.position.x, pose.position.y, pose.position.z),
+        (pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w),
+        (scale.x, scale.y, scale.z),
+    )
+    stamp = marker.header.stamp.sec * 1_000_000_000 + marker.header.stamp.nanosec
+    seconds = marker.lifetime.sec + 1e-9 * marker.lifetime.nanosec
+    lifetime = max(math.ceil(seconds / time_step), 0)
+    return Placement((marker.ns, marker.id), config, stamp, pace, lifetime)
+
+
+@functools.lru_cache(maxsize=4 * MOST_GUESTS)
+def _obstacle(
+    kind: int,
+    position: tuple[float, ...],
+    orientation: tuple[float, ...],
+    scale: tuple[float, ...],
+) -> ObstacleConfig:
+    """Return an obstacle; those that are sent again and again are made once."""
+    if not all(abs(value) <= LARGEST for value in position):
+        raise InputError(f'position is {in_brackets(position)}: it must be within ±{LARGEST:g} m')
+    length = math.hypot(*orientation)
+    if not 1e-6 < length < math.inf:
+        raise InputError(
+            f'orientation is {in_brackets(orientation)}: give a quaternion x y z w of length 1, '
+            'for example [0, 0, 0, 1]'
+        )
+    low, high = 2.0 * (_SIZE.minimum or 0.0), 2.0 * (_SIZE.maximum or math.inf)
+    if not all(low <= value <= high for value in scale):
+        raise InputError(
+            f'scale is {in_brackets(scale)}: these are full lengths, each must be from {low:g} to '
+            f'{high:g} m'
+        )
+    if kind in ROUND:
+        diameters = scale[: len(ROUND[kind].split())]
+        if max(diameters) - min(diameters) > UNEQUAL * max(diameters):
+            raise InputError(
+                f'scale is {in_brackets(scale)}: its {ROUND[kind]} are diameters and must be '
+                'equal, nothing elliptic is supported'
+            )
+    return ObstacleConfig(
+        name='marker',
+        type=SHAPES[kind],
+        position=position,
+        orientation=tuple(max(-1.0, min(value / length, 1.0)) for value in orientation),
+        size=tuple(0.5 * value for value in scale),
+    )
+
+
+# ---------------------------------------------------------------------------------------- points
+def point_obstacles(
+    message: PointCloud2, frame_id: str, radius: float
+) -> tuple[PointObstacles, int]:
+    """
+    Return the points of a cloud that are in the way, and how many there were to choose from.
+
+    Any layout with x, y and z as floats will do. What is not finite is left out.
+
+    Parameters
+    ----------
+    message : sensor_msgs/PointCloud2
+    frame_id : str
+        the frame in which points must be
+    radius : float
+        with which they push, m
+
+    Raises
+    ------
+    InputError
+        if the cloud cannot be read.
+
+    """
+    require_frame(message.header.frame_id, frame_id)
+    if not message.width * message.height:
+        return NO_POINTS, 0
+    points = _coordinates(message)
+    points = points[(np.abs(points) <= LARGEST).all(axis=1)]
+    if not len(points):
+        return NO_POINTS, 0
+    return PointObstacles(thinned(points, radius), radius), len(points)
+
+
+def _coordinates(message: PointCloud2) -> np.ndarray:
+    """Return (k, 3) float64: what the cloud says, finite or not."""
+    width, height, step = message.width, message.height, message.point_step
+    row_step = message.row_step if height > 1 else width * step
+    layout = _layout(message)
+    if row_step < width * step:
+        raise InputError(
+            f'row_step is {row_step}: a row of {width} points of {step} bytes needs {width * step}'
+        )
+    needed = (height - 1) * row_step + width * step
+    if len(message.data) < needed:
+        raise InputError(
+            f'data has {len(message.data)} bytes: {height} × {width} points of {step} bytes need '
+            f'{needed}'
+        )
+    records: np.ndarray = np.ndarray(
+        (height, width), layout, np.frombuffer(message.data, np.uint8).data, 0, (row_step, step)
+    )
+    points = np.empty((height, width, 3))
+    with np.errstate(invalid='ignore'):
+        for axis, name in enumerate('xyz'):
+            points[..., axis] = records[name]
+    return points.reshape(-1, 3)
+
+
+def _layout(message: PointCloud2) -> np.dtype:
+    """Return where x, y and z are in each point."""
+    order = '>' if message.is_bigendian else '<'
+    names = [item.name for item in message.fields]
+    formats, offsets = [], []
+    for name in 'xyz':
+        if names.count(name) != 1:
+            shown = ', '.join(_quoted(item) for item in names[:20]) or 'nothing'
+            raise InputError(f'fields are {shown}: there must be one {name!r}, of FLOAT32 (7)')
+        item = message.fields[names.index(name)]
+        if item.datatype not in FLOATS:
+            raise InputError(
+                f'datatype of {name!r} is {item.datatype}: it must be FLOAT32 (7) or FLOAT64 (8)'
+            )
+        if item.count != 1:
+            raise InputError(f'count of {name!r} is {item.count}: it must be 1')
+        formats.append(order + FLOATS[item.datatype])
+        offsets.append(item.offset)
+    spans = sorted((at, at + int(kind[-1])) for at, kind in zip(offsets, formats, strict=True))
+    if any(before[1] > after[0] for before, after in itertools.pairwise(spans)):
+        raise InputError(f'the offsets of x, y, z are {offsets}: they overlap')
+    end = spans[-1][1]
+    if not end <= message.point_step <= len(message.data):
+        raise InputError(
+            f'point_step is {message.point_step}: x, y and z reach to byte {end} of a point, and '
+            f'data has {len(message.data)} bytes'
+        )
+    return np.dtype(
+        {'names': list('xyz'), 'formats': formats, 'offsets': offsets,
+         'itemsize': message.point_step}
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------- forces
+@dataclass(frozen=True)
+class WrenchInput:
+    """
+    A wrench that somebody applies.
+
+    Attributes
+    ----------
+    name : str or None
+        of the body in whose axes it is; None acts on every body in world axes
+    force, torque : tuple of three floats
+        N, N m
+
+    """
+
+    name: str | None
+    force: tuple[float, ...]
+    torque: tuple[float, ...]
+
+
+def wrench(message: WrenchStamped, frame_id: str, names: Sequence[str]) -> WrenchInput:
+    """
+    Return a wrench on a body, or, in the world's frame, on all.
+
+    Raises
+    ------
+    InputError
+        if the frame is neither, or a number is not finite or too large.
+
+    """
+    frame = message.header.frame_id
+    if frame != frame_id and frame not in names:
+        hint = unknown_name(frame, [*names, frame_id])
+        raise InputError(
+            f'frame_id is {_quoted(frame)}: give the name of a body, or {frame_id!r} for all; '
+            f'{hint}'
+        )
+    force = _vector('force', message.wrench.force, LARGEST_WRENCH, 'N')
+    torque = _vector('torque', message.wrench.torque, LARGEST_WRENCH, 'N m')
+    return WrenchInput(None if frame == frame_id else frame, force, torque)
+
+
+def poked_point(message: PointStamped, frame_id: str) -> tuple[float, ...]:
+    """Return the point that is poked, m; or raise InputError."""
+    require_frame(message.header.frame_id, frame_id)
+    return _vector('point', message.point, LARGEST, 'm')
+
+
+def gravity(message: Vector3Stamped, frame_id: str) -> tuple[float, ...]:
+    """Return a gravity, m/s²; or raise InputError."""
+    require_frame(message.header.frame_id, frame_id)
+    largest = _GRAVITY.maximum or math.inf
+    vector = _vector('vector', message.vector, largest, 'm/s²')
+    if math.hypot(*vector) > largest:
+        raise InputError(
+            f'vector is {in_brackets(vector)}: its length must be at most {largest:g} m/s²'
+        )
+    return vector
+
+
+# ---------------------------------------------------------------------------------------- common
+def require_frame(given: str, frame_id: str) -> None:
+    """Raise InputError unless something is in the frame of the world: none is transformed."""
+    if given != frame_id:
+        raise InputError(
+            f'frame_id is {_quoted(given)}: it must be in the frame {frame_id!r}, transform it '
+            'before'
+        )
+
+
+def _vector(name: str, vector: Any, largest: float, unit: str) -> tuple[float, ...]:
+    values = (float(vector.x), float(vector.y), float(vector.z))
+    if not all(abs(value) <= largest for value in values):
+        raise InputError(
+            f'{name} is {in_brackets(values)}: each must be within ±{largest:g} {unit}'
+        )
+    return values
+
+
+def _quoted(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:60] + '…')

@@ -1,0 +1,309 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+NumPy to messages, pure functions.
+
+The bulk messages come as serialized bytes, which `Publisher.publish` takes too: turning arrays
+into lists of message objects is a thousand times slower. Small ones come as objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+import struct
+from typing import Any, NamedTuple
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointField
+from visualization_msgs.msg import Marker
+
+from softbody_ros.core import RigidFit
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.config import Setting
+from softbody_ros.ros.cdr import ENCAPSULATION, CdrWriter
+
+POINT_FIELDS = (
+    ('x', PointField.FLOAT32),
+    ('y', PointField.FLOAT32),
+    ('z', PointField.FLOAT32),
+    ('displacement', PointField.FLOAT32),
+    ('body', PointField.UINT32),
+)
+POINT_TYPE = np.dtype([(name, '<f4' if kind == PointField.FLOAT32 else '<u4')
+                       for name, kind in POINT_FIELDS])  # fmt: skip
+
+_SHAPES = {
+    'box': (Marker.CUBE, (0, 1, 2)),
+    'sphere': (Marker.SPHERE, (0, 0, 0)),
+    'cylinder': (Marker.CYLINDER, (0, 0, 2)),
+}
+"""Types of obstacles that are types of markers, and which of their half extents x y z are."""
+
+
+def time_message(nanoseconds: int) -> Time:
+    """Return a time as a message."""
+    seconds, rest = divmod(int(nanoseconds), 1_000_000_000)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def _stamped(stamp: int, rest: bytes) -> bytes:
+    """Return the begin of a message with a header: the stamp, and what follows it."""
+    return ENCAPSULATION + _stamp_bytes(stamp) + rest
+
+
+def _stamp_bytes(stamp: int) -> bytes:
+    return struct.pack('<iI', *divmod(stamp, 1_000_000_000))
+
+
+def _raw(array: np.ndarray) -> memoryview:
+    """Return the bytes of a contiguous array without a copy."""
+    return array.reshape(-1).view(np.uint8).data
+
+
+def points_array(bodies: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """
+    Return the particles of all bodies, in order, as records of `POINT_TYPE`.
+
+    Parameters
+    ----------
+    bodies : sequence of ((n, 3) float, (n,) float)
+        positions and displacements, m
+
+    """
+    records = np.empty(sum(len(positions) for positions, _ in bodies), POINT_TYPE)
+    start = 0
+    for index, (positions, displacement) in enumerate(bodies):
+        part = records[start : start + len(positions)]
+        part['x'], part['y'], part['z'] = positions.T
+        part['displacement'], part['body'] = displacement, index
+        start += len(positions)
+    return records
+
+
+def serialized_cloud(stamp: int, frame_id: str, records: np.ndarray) -> bytes:
+    """
+    Return a serialized sensor_msgs/PointCloud2.
+
+    Parameters
+    ----------
+    stamp : int
+        ns
+    frame_id : str
+    records : (n,) of `POINT_TYPE`
+
+    """
+    writer = CdrWriter(offset=8).string(frame_id)
+    writer.primitives('II', 1, len(records))
+    writer.sequence(len(POINT_FIELDS), 4)
+    for name, kind in POINT_FIELDS:
+        writer.string(name).primitives('IBI', POINT_TYPE.fields[name][1], kind, 1)  # type: ignore
+    writer.primitives('?II', False, POINT_TYPE.itemsize, records.nbytes)
+    writer.sequence(records.nbytes, 1)
+    return b''.join([_stamped(stamp, writer.take()), _raw(records), b'\x01'])
+
+
+def serialized_marker(
+    stamp: int, frame_id: str, namespace: str, color: Sequence[float], corners: np.ndarray
+) -> bytes:
+    """
+    Return a serialized visualization_msgs/Marker: a TRIANGLE_LIST of one colour.
+
+    Parameters
+    ----------
+    stamp : int
+        ns
+    frame_id, namespace : str
+    color : (4,) float
+        red green blue alpha
+    corners : (3 m, 3) float64
+        three corners per triangle, m
+
+    """
+    head = _marker_head(8, frame_id, namespace, 0, Marker.TRIANGLE_LIST, Marker.ADD)
+    shape = _marker_shape((1.0, 1.0, 1.0), tuple(color), len(corners))
+    points = np.ascontiguousarray(corners, dtype='<f8')
+    begin = _stamped(stamp, head)
+    return b''.join([begin, _NO_TURN, shape, _raw(points), _marker_end()])
+
+
+# A marker is, after its stamp: head, pose, shape, corners, end. Only the head depends on where in
+# the message it begins: from the pose on everything has its place from a multiple of 8 on.
+_NO_TURN = struct.pack('<7d', 0, 0, 0, 0, 0, 0, 1)
+
+
+@lru_cache(maxsize=4096)
+def _marker_head(
+    offset: int, frame_id: str, namespace: str, number: int, kind: int, action: int
+) -> bytes:
+    writer = CdrWriter(offset).string(frame_id).string(namespace)
+    return writer.primitives('iii', number, kind, action).pad(8).take()
+
+
+@lru_cache(maxsize=4096)
+def _marker_shape(scale: tuple[float, ...], color: tuple[float, ...], corners: int) -> bytes:
+    writer = CdrWriter().primitives('ddd', *scale).primitives('ffff', *color)
+    writer.primitives('iI?', 0, 0, False)  # lifetime, frame_locked
+    return writer.sequence(corners, 8).take()
+
+
+@lru_cache
+def _marker_end(text: str = '') -> bytes:
+    writer = CdrWriter().sequence(0, 4).string('')  # colors, texture_resource
+    writer.primitives('iI', 0, 0).string('').string('').sequence(0, 1)  # texture
+    writer.sequence(0, 4).string(text).string('')  # uv_coordinates, text, mesh_resource
+    return writer.string('').sequence(0, 1).primitives('?', False).take()  # mesh_file, materials
+
+
+def serialized_mesh(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+    """
+    Return a serialized shape_msgs/Mesh.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        m
+    faces : (m, 3) int
+
+    """
+    triangles = np.ascontiguousarray(faces, dtype='<u4')
+    points = np.ascontiguousarray(vertices, dtype='<f8')
+    head = CdrWriter().sequence(len(triangles), 4).take()
+    middle = CdrWriter(len(head) + triangles.nbytes).sequence(len(points), 8).take()
+    return b''.join([ENCAPSULATION, head, _raw(triangles), middle, _raw(points)])
+
+
+class ShownObstacle(NamedTuple):
+    """An obstacle, and as what it is shown."""
+
+    namespace: str
+    number: int
+    color: tuple[float, ...]
+    obstacle: Obstacle
+
+
+def serialized_obstacles(stamp: int, frame_id: str, shown: Sequence[ShownObstacle]) -> bytes:
+    """
+    Return a serialized visualization_msgs/MarkerArray that says all by itself.
+
+    It begins with a marker that deletes all. Boxes, spheres and cylinders are markers of these
+    types; capsules, meshes and planes are TRIANGLE_LISTs in their own frames. Of a plane, with the
+    text 'plane', it is a square about its origin.
+
+    Parameters
+    ----------
+    stamp : int
+        ns
+    frame_id : str
+    shown : sequence of ShownObstacle
+
+    """
+    time = _stamp_bytes(stamp)
+    parts: list[bytes | memoryview] = [struct.pack('<I', len(shown) + 1), time]
+    parts.append(_marker_head(12, frame_id, '', 0, 0, Marker.DELETEALL))
+    parts += [_NO_TURN, _marker_shape((0.0,) * 3, (0.0,) * 4, 0), _marker_end()]
+    offset = sum(map(len, parts))
+    for item, pose in zip(shown, _poses([item.obstacle for item in shown]), strict=True):
+        config = item.obstacle.config
+        kind, axes = _SHAPES.get(config.type, (Marker.TRIANGLE_LIST, ()))
+        scale = tuple(2.0 * config.size[axis] for axis in axes) or (1.0, 1.0, 1.0)
+        corners = b'' if axes else _raw(item.obstacle.triangles)
+        padding = bytes(-offset % 4)
+        at = (offset + len(padding) + len(time)) % 8
+        marker: list[bytes | memoryview] = [
+            padding + time,
+            _marker_head(at, frame_id, item.namespace, item.number, kind, Marker.ADD),
+            pose,
+            _marker_shape(scale, item.color, len(corners) // 24),
+            corners,
+            _marker_end('plane' if config.type == 'plane' else ''),
+        ]
+        offset += sum(map(len, marker))
+        parts += marker
+    return b''.join([ENCAPSULATION, *parts])
+
+
+def _poses(obstacles: Sequence[Obstacle]) -> list[bytes]:
+    """Return the serialized pose of each."""
+    if not obstacles:
+        return []
+    positions = [obstacle.position for obstacle in obstacles]
+    quaternions = Rotation.from_matrix([obstacle.rotation for obstacle in obstacles]).as_quat()
+    return [row.tobytes() for row in np.hstack([positions, quaternions])]
+
+
+def odometry(stamp: int, frame_id: str, body: str, fit: RigidFit) -> Odometry:
+    """Return the pose in `frame_id` and the twist in the body's own axes (REP-105)."""
+    message = Odometry(child_frame_id=body)
+    message.header.stamp = time_message(stamp)
+    message.header.frame_id = frame_id
+    quaternion = Rotation.from_matrix(fit.rotation).as_quat()
+    _fill(message.pose.pose.position, 'xyz', fit.position)
+    _fill(message.pose.pose.orientation, 'xyzw', quaternion)
+    _fill(message.twist.twist.linear, 'xyz', fit.linear_velocity @ fit.rotation)
+    _fill(message.twist.twist.angular, 'xyz', fit.angular_velocity @ fit.rotation)
+    return message
+
+
+def wrench(stamp: int, frame_id: str, force: np.ndarray, torque: np.ndarray) -> WrenchStamped:
+    """Return a force (3,), N, and a torque (3,), N m."""
+    message = WrenchStamped()
+    message.header.stamp = time_message(stamp)
+    message.header.frame_id = frame_id
+    _fill(message.wrench.force, 'xyz', force)
+    _fill(message.wrench.torque, 'xyz', torque)
+    return message
+
+
+def fill_entity_state(message: Any, stamp: int, frame_id: str, fit: RigidFit) -> None:
+    """Fill a simulation_interfaces/EntityState: pose and twist, both in `frame_id`."""
+    message.header.stamp = time_message(stamp)
+    message.header.frame_id = frame_id
+    quaternion = Rotation.from_matrix(fit.rotation).as_quat()
+    _fill(message.pose.position, 'xyz', fit.position)
+    _fill(message.pose.orientation, 'xyzw', quaternion)
+    _fill(message.twist.linear, 'xyz', fit.linear_velocity)
+    _fill(message.twist.angular, 'xyz', fit.angular_velocity)
+
+
+def _fill(target: object, names: str, values: np.ndarray) -> None:
+    for name, value in zip(names, values, strict=True):
+        # a NumPy scalar would arrive as garbage
+        setattr(target, name, float(value))
+
+
+def diagnostics(
+    stamp: int, name: str, level: bytes, summary: str, values: Mapping[str, str]
+) -> DiagnosticArray:
+    """Return one status as a DiagnosticArray."""
+    status = DiagnosticStatus(level=level, name=name, message=summary, hardware_id='')
+    status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+    message = DiagnosticArray(status=[status])
+    message.header.stamp = time_message(stamp)
+    return message
+
+
+def descriptor(facts: Setting) -> ParameterDescriptor:
+    """Return the descriptor of a parameter: tools make sliders and tooltips of it."""
+    result = ParameterDescriptor(
+        description=facts.description + (f' [{facts.unit}]' if facts.unit else ''),
+        additional_constraints=facts.range_text,
+        read_only=facts.read_only,
+    )
+    if facts.minimum is None or facts.maximum is None or isinstance(facts.default, tuple):
+        return result
+    if isinstance(facts.default, int):
+        result.integer_range = [
+            IntegerRange(from_value=int(facts.minimum), to_value=int(facts.maximum))
+        ]
+    else:
+        result.floating_point_range = [
+            FloatingPointRange(from_value=float(facts.minimum), to_value=float(facts.maximum))
+        ]
+    return result

@@ -1,0 +1,505 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The ROS 2 node: parameters in, the stepped world out as clouds, markers and odometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass
+from functools import cache
+import sys
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+from rcl_interfaces.msg import SetParametersResult
+import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock, TimeJump
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker
+
+from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
+from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
+from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
+from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
+from softbody_ros.ros.simulation_interfaces import Simulation
+from softbody_ros.ros.spinning import spin
+from softbody_ros.ros.subscribers import InputTopics
+from softbody_ros.scene import parameters
+from softbody_ros.timeline.stepper import MEBIBYTE, Stepper
+from softbody_ros.viewer.process import viewer_of
+
+SHORTEST_PERIOD = 0.004
+"""Seconds between two looks at the clock, at the least: a look costs rclpy about 0.1 ms."""
+
+
+class SimNode(Node):
+    """
+    Wires parameters, clock, world and messages together; holds no physics.
+
+    Raises
+    ------
+    ConfigError, MeshError
+        if the parameters do not describe a scene; with one sentence that says why.
+
+    """
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__('softbody_sim', **node_arguments)
+        self._values = self._override_values()
+        self._scene = parameters.make_scene(self._values)
+        self._world = World(self._scene.world)
+        self._stepper = Stepper(self._world, self._rates())
+        self._stepper.time_scale = self._scene.node.time_scale
+        self._stepper.history.memory = self._history_bytes()
+        self._failure = ''
+        self._jumped_back = self._clock_changed = False
+        self._first_clock = 0
+        self._paused_before_failure = False
+        self._after_slice: Future | None = None
+        self._publish_seconds = 0.0
+
+        self._declare_parameters()
+        self._create_publishers()
+        self._create_services()
+        self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node)
+        self._gravity_source = self._inputs.gravity_source
+        self._publish_rest_mesh()
+        self._obstacle_markers = ObstacleMarkers(self, self._stepper, self._frame_id)
+        self._start_clocks()
+        self._announce()
+
+    # -------------------------------------------------------------------------------- parameters
+    def _override_values(self) -> dict[str, Any]:
+        """Return the values from YAML files and the command line that are this node's."""
+        # rclpy offers no public way to see overrides of parameters that are not declared
+        overrides = {name: item.value for name, item in self._parameter_overrides.items()}
+        values, unknown = parameters.known_values(overrides)
+        for name, hint in unknown.items():
+            self.get_logger().warning(f'parameter {name} is unknown and ignored: {hint}')
+        return values
+
+    def _declare_parameters(self) -> None:
+        lists = parameters.scene_lists(self._values)
+        self._known = parameters.table(lists)
+        self._values |= {'bodies': lists.bodies, 'obstacles': lists.obstacles}
+        for name, facts in self._known.items():
+            value = parameters.as_parameter(self._values.get(name, facts.default), facts)
+            self._values[name] = value
+            self.declare_parameter(name, value, messages.descriptor(facts), ignore_override=True)
+        self.add_pre_set_parameters_callback(self._promote_integers)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._use_parameters)
+
+    def _promote_integers(self, proposed: list[Parameter]) -> list[Parameter]:
+        return [
+            Parameter(item.name, value=parameters.promoted(item.value, self._known[item.name]))
+            if item.name in self._known
+            else item
+            for item in proposed
+        ]
+
+    def _proposed_values(self, proposed: list[Parameter]) -> dict[str, Any]:
+        own = {item.name: item.value for item in proposed if item.name in self._known}
+        return self._values | own
+
+    def _check_parameters(self, proposed: list[Parameter]) -> SetParametersResult:
+        try:
+            scene = parameters.make_scene(self._proposed_values(proposed))
+            self._world.check(scene.world)
+        except (ConfigError, MeshError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _use_parameters(self, accepted: list[Parameter]) -> None:
+        self._values = self._proposed_values(accepted)
+        self._scene = parameters.make_scene(self._values)
+        self._stepper.configure(self._scene.world)
+        self._stepper.history.memory = self._history_bytes()
+        self._stepper.set_time_scale(self._scene.node.time_scale, self._now())
+        self._stepper.rates = self._rates()
+
+    def _history_bytes(self) -> float:
+        return self._scene.node.history_memory * MEBIBYTE
+
+    def _rates(self) -> dict[str, float]:
+        return {'points': self._scene.node.points_rate, 'mesh': self._scene.node.mesh_rate}
+
+    # -------------------------------------------------------------------------------- interfaces
+    def _create_publishers(self) -> None:
+        def publisher(kind: type, topic: str, depth: int) -> Publisher:
+            events = PublisherEventCallbacks(matched=self._welcome)
+            return self.create_publisher(kind, topic, depth, event_callbacks=events)
+
+        bodies = len(self._world.names)
+        self._points = publisher(PointCloud2, '~/points', 10)
+        # one message per body and frame: a shallower queue would cut frames
+        self._mesh = publisher(Marker, '~/mesh', max(10, 2 * bodies))
+        self._odometry = publisher(Odometry, '~/odometry', max(10, 2 * bodies))
+        self._contacts = publisher(WrenchStamped, '~/contacts', max(10, 2 * bodies))
+        self._contacts_of = {
+            name: publisher(WrenchStamped, f'~/contacts/{name}', 10) for name in self._world.names
+        }
+        self._touching: set[str] = set()
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
+
+    def _create_services(self) -> None:
+        self.create_service(Trigger, '~/reset', self._reset)
+        self.create_service(Trigger, '~/apply_initial_velocity', self._apply_initial_velocity)
+        self.create_service(SetBool, '~/pause', self._pause)
+        # it waits for steps that the timer takes: in the timer's group it would keep it from them
+        waits = ReentrantCallbackGroup()
+        self.create_service(Trigger, '~/step', self._step, callback_group=waits)
+        simulation = Simulation(self._stepper, self._paused, self._restarted)
+        simulation_interfaces_node.offer(
+            self, simulation, self._frame_id, self._stamp, self._steps_taken
+        )
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._restarted()
+        response.success, response.message = True, 'the bodies are back at their start'
+        return response
+
+    def _restarted(self) -> None:
+        """Put the bodies back to their start; what a failure has paused goes on."""
+        self._stepper.reset(self._now())
+        if self._failure:
+            self._failure = ''
+            self._stepper.pause(self._paused_before_failure, self._now())
+
+    def _apply_initial_velocity(
+        self, _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        self._stepper.act(World.apply_initial_velocity)
+        response.success, response.message = True, 'the bodies have their initial velocities'
+        return response
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        response.message = self._paused(request.data)
+        response.success = not response.message
+        if response.success:
+            state = 'paused' if request.data else 'running'
+            response.message = f'{state} at tick {self._world.tick}'
+        return response
+
+    def _paused(self, paused: bool) -> str:
+        """Pause or go on; return why that cannot be, or nothing."""
+        if self._failure and not paused:
+            return f'the simulation has stopped ({self._failure}): call ~/reset'
+        self._stepper.pause(paused, self._now())
+        return ''
+
+    async def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._stepper.paused:
+            response.success = False
+            response.message = 'the simulation is running: call ~/pause with data true first'
+            return response
+        self._stepper.single_step(self._scene.node.step_count)
+        failure = await self._steps_taken()
+        response.success = not failure
+        response.message = failure or f'now at tick {self._world.tick}'
+        return response
+
+    async def _steps_taken(self) -> str:
+        """Wait until the steps that have been asked for are taken; return why they are not."""
+        while self._stepper.stepping:
+            self._after_slice = self._after_slice or Future(executor=self.executor)
+            await self._after_slice
+        return self._failure
+
+    # -------------------------------------------------------------------------------------- time
+    def _start_clocks(self) -> None:
+        self._counted = _Counters(time.perf_counter(), 0, 0.0, 0.0, 0.0)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        # one timer for both drivers: it looks at the node's clock, wall or /clock
+        period = max(self._world.config.time_step, SHORTEST_PERIOD)
+        self.create_timer(period, self._drive, clock=steady)
+        self.create_timer(1.0, self._report, clock=steady)
+        threshold = JumpThreshold(
+            min_forward=Duration(nanoseconds=1),
+            min_backward=Duration(nanoseconds=-1),
+            on_clock_change=True,
+        )
+        # C keeps only a pointer to the handle
+        self._jump_handle = self.get_clock().create_jump_callback(
+            threshold, post_callback=self._on_jump
+        )
+
+    def _on_jump(self, jump: TimeJump) -> None:
+        # called in the middle of setting the clock: only take note
+        if jump.clock_change in (
+            ClockChange.ROS_TIME_ACTIVATED,
+            ClockChange.ROS_TIME_DEACTIVATED,
+        ):
+            self._clock_changed = True
+        elif jump.delta.nanoseconds < 0:
+            self._jumped_back = True
+        elif not self._first_clock:
+            # the first step of /clock is the one from 0: it begins the simulation, however late
+            # the timer comes to see it
+            self._first_clock = jump.delta.nanoseconds
+
+    def _now(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+    def _stamp(self) -> int:
+        """Return the clock's time of the present state, ns."""
+        return self._stepper.time_of(self._world.tick)
+
+    def _follows_clock(self) -> bool:
+        clock = self.get_clock()
+        return isinstance(clock, ROSClock) and clock.ros_time_is_active
+
+    def _waits_for_clock(self) -> bool:
+        return self._follows_clock() and self._now() == 0
+
+    def _drive(self) -> None:
+        self._advance()
+        self._obstacle_markers.look(due=False)
+
+    def _advance(self) -> None:
+        if self._stepper.stepping:
+            self._take_steps()
+        if self._waits_for_clock():
+            return
+        now, follows_clock = self._now(), self._follows_clock()
+        if follows_clock and self._first_clock and not self._stepper.started:
+            self._stepper.reanchor(min(self._first_clock, now))
+        if self._clock_changed:
+            self._stepper.switch_clock(now)
+        elif self._jumped_back and follows_clock:
+            self._stepper.rewind(now)
+            self.get_logger().info(
+                f'/clock went back: so do the bodies, from {self._world.time:g} s'
+            )
+        elif not follows_clock and self._stepper.lag(now) < 0.0:
+            self._stepper.reanchor(now)  # somebody set the system's clock back
+        self._clock_changed = self._jumped_back = False
+        try:
+            for outputs in self._stepper.advance(now, drop_overload=not follows_clock):
+                self._publish(outputs)
+        except SimulationError as error:
+            self._stop(error)
+
+    def _take_steps(self) -> None:
+        """Take a slice of the steps that services wait for."""
+        try:
+            self._stepper.take_steps(self._now())
+        except SimulationError as error:
+            self._stop(error)
+        waiting, self._after_slice = self._after_slice, None
+        if waiting is not None:
+            waiting.set_result(None)
+
+    def _stop(self, error: SimulationError) -> None:
+        """Keep the last good state, say why, and wait for ~/reset."""
+        self._failure = str(error)
+        self._paused_before_failure = self._stepper.paused
+        self.get_logger().error(f'{error}; call ~/reset to go on')
+        self._stepper.pause(True, self._now())
+
+    # ----------------------------------------------------------------------------------- outputs
+    def _welcome(self, _: object) -> None:
+        """Show the state to a new subscriber at once, where it might wait for long."""
+        if self._stepper.paused or self._follows_clock():
+            self._stepper.publish_now()
+
+    def _publish(self, outputs: set[str]) -> None:
+        """Publish what is due; nothing is packed for a topic without subscribers."""
+        begin = time.perf_counter()
+        stamp = self._stamp()
+        fit = cache(self._world.rigid_fit)
+        positions = cache(self._world.positions)
+        if 'points' in outputs and self._points.get_subscription_count():
+            self._publish_points(stamp, positions, fit)
+        if 'points' in outputs and self._odometry.get_subscription_count():
+            for name in self._world.names:
+                self._odometry.publish(messages.odometry(stamp, self._frame_id, name, fit(name)))
+        if 'points' in outputs:
+            self._publish_contacts(stamp)
+        if 'mesh' in outputs and self._mesh.get_subscription_count():
+            self._publish_mesh(stamp, positions)
+        if 'mesh' in outputs:
+            self._obstacle_markers.look(due=True)
+        self._publish_seconds += time.perf_counter() - begin
+
+    def _publish_points(
+        self,
+        stamp: int,
+        positions: Callable[[str], np.ndarray],
+        fit: Callable[[str], RigidFit],
+    ) -> None:
+        bodies = [(positions(name), fit(name).displacement) for name in self._world.names]
+        records = messages.points_array(bodies)
+        self._points.publish(messages.serialized_cloud(stamp, self._frame_id, records))
+
+    def _publish_contacts(self, stamp: int) -> None:
+        """Publish what bodies feel of their contacts; zero, once, for those that feel no more."""
+        for_all = [self._contacts] if self._contacts.get_subscription_count() else []
+        for name, own in self._contacts_of.items():
+            publishers = for_all + ([own] if own.get_subscription_count() else [])
+            if not publishers:
+                self._touching.discard(name)
+                continue
+            force, torque = self._world.contact_wrench(name)
+            touched, touches = name in self._touching, bool(force.any() or torque.any())
+            (self._touching.add if touches else self._touching.discard)(name)
+            if touched or touches:
+                message = messages.wrench(stamp, self._frame_id, force, torque)
+                for publisher in publishers:
+                    publisher.publish(message)
+
+    def _publish_mesh(self, stamp: int, positions: Callable[[str], np.ndarray]) -> None:
+        for name in self._world.names:
+            faces = self._world.rest_shape(name).surface.faces
+            # several times faster than indexing with the array
+            corners = positions(name).take(faces.reshape(-1), axis=0)
+            color = self._scene.appearances[name].color
+            self._mesh.publish(
+                messages.serialized_marker(stamp, self._frame_id, name, color, corners)
+            )
+
+    def _publish_rest_mesh(self) -> None:
+        vertices, faces, first = [], [], 0
+        for name in self._world.names:
+            vertices.append(self._world.positions(name))
+            faces.append(self._world.rest_shape(name).surface.faces + first)
+            first += len(vertices[-1])
+        self._rest_mesh.publish(
+            messages.serialized_mesh(np.concatenate(vertices), np.concatenate(faces))
+        )
+
+    @property
+    def _frame_id(self) -> str:
+        return self._scene.node.frame_id
+
+    # ------------------------------------------------------------------------------- diagnostics
+    def _state(self) -> tuple[bytes, str]:
+        if self._failure:
+            return DiagnosticStatus.ERROR, f'stopped: {self._failure}'
+        if self._waits_for_clock():
+            return DiagnosticStatus.WARN, 'waiting for /clock'
+        if self._stepper.paused:
+            return DiagnosticStatus.OK, 'paused'
+        return DiagnosticStatus.OK, 'running'
+
+    def _report(self) -> None:
+        """Publish the diagnostics of the second since the last report."""
+        now = _Counters(
+            time.perf_counter(),
+            self._world.tick,
+            self._stepper.busy,
+            self._publish_seconds,
+            self._stepper.dropped,
+        )
+        last, self._counted = self._counted, now
+        level, summary = self._state()
+        if self._waits_for_clock():
+            self.get_logger().warning(
+                'use_sim_time is true, but nothing is received on /clock: start its publisher, '
+                'or set use_sim_time to false',
+                throttle_duration_sec=10.0,
+            )
+        seconds = now.wall - last.wall
+        ticks = max(now.tick - last.tick, 0)
+        dropped = now.dropped - last.dropped
+        if dropped > 0.0:
+            level = max(level, DiagnosticStatus.WARN)
+            summary += f', too slow: {dropped / seconds:.0%} of the time dropped'
+        values = {
+            'real-time factor': f'{ticks * self._world.config.time_step / seconds:.3f}',
+            'step time (ms)': f'{1e3 * (now.busy - last.busy) / max(ticks, 1):.3f}',
+            'publish time (ms/s)': f'{1e3 * (now.publishing - last.publishing) / seconds:.3f}',
+            'dropped time (s)': f'{now.dropped:.3f}',
+            'lag behind the clock (s)': f'{self._stepper.lag(self._now()):.3f}',
+            'history (MiB)': f'{self._stepper.history.nbytes / MEBIBYTE:.1f}',
+            'tick': str(now.tick),
+            'simulated time (s)': f'{self._world.time:.3f}',
+        }
+        values |= self._inputs.report()
+        if self._gravity_source != self._inputs.gravity_source:
+            self._gravity_source = self._inputs.gravity_source
+            self.get_logger().info(
+                f'gravity is now {values["gravity (m/s²)"]} m/s², from {self._gravity_source}'
+            )
+        for body in self._world.config.bodies:
+            omega = natural_frequency(body.stiffness, self._world.config.reference_step)
+            values[f'{body.name} frequency (Hz)'] = f'{omega / (2 * np.pi):.3f}'
+            values[f'{body.name} asleep'] = str(self._world.is_asleep(body.name)).lower()
+            values[f'{body.name} damping ratio'] = f'{damping_ratio(body.bounciness):.3f}'
+            strain = self._world.permanent_strain(body.name)
+            values[f'{body.name} permanent strain'] = f'{strain:.4f}'
+        self._diagnostics.publish(
+            messages.diagnostics(
+                self._now(), self.get_fully_qualified_name(), level, summary, values
+            )
+        )
+
+    def _announce(self) -> None:
+        rests = {name: self._world.rest_shape(name) for name in self._world.names}
+        self.get_logger().info(
+            cli_help.where_to_look(
+                self.get_fully_qualified_name(),
+                '/clock' if self._follows_clock() else 'wall time',
+                {name: rest.particle_count for name, rest in rests.items()},
+                (self._points.topic_name, self._mesh.topic_name),
+            )
+        )
+
+
+@dataclass(frozen=True)
+class _Counters:
+    """What the diagnostics compare with the report before."""
+
+    wall: float
+    tick: int
+    busy: float
+    publishing: float
+    dropped: float
+
+
+def run(stop: threading.Event) -> int:
+    """Run the node until `stop` is set; a scene that cannot be is one sentence and exit code 1."""
+    if {'-h', '--help'} & set(sys.argv[1:]):
+        print(cli_help.help_text())
+        return 0
+    arguments = [argument for argument in sys.argv if argument != '--viewer']
+    if len(arguments) > 1 and arguments[1] != '--ros-args':
+        print(
+            f'softbody_sim: the argument {arguments[1]} is unknown: give --viewer, or --ros-args '
+            'and what ROS is to read; see --help',
+            file=sys.stderr,
+        )
+        return 1
+    try:
+        # rclpy's own handlers would take the context away in the middle of a callback
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        node = SimNode()
+    except (ConfigError, MeshError, ParameterException, RuntimeError) as error:
+        rclpy.try_shutdown()
+        print('softbody_sim:', ' '.join(str(error).split()), file=sys.stderr)
+        return 1
+    name = node.get_fully_qualified_name()
+    with viewer_of(name) if '--viewer' in sys.argv[1:] else nullcontext():
+        try:
+            spin(node, stop)
+        finally:
+            rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The topic that shows what is in the way: `World.obstacles` out as markers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import operator
+
+import numpy as np
+from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from visualization_msgs.msg import MarkerArray
+
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.ros import messages
+from softbody_ros.ros.messages import ShownObstacle
+from softbody_ros.timeline.stepper import Stepper
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PLANE_COLOR, COLOR, OTHERS_COLOR = (
+    (0.78, 0.78, 0.76, 1.0),
+    (0.58, 0.60, 0.62, 1.0),
+    (0.45, 0.58, 0.70, 1.0),
+)
+
+Shown = Mapping[tuple[str, int], Obstacle]
+"""Obstacles by the `ns` and `id` of their markers."""
+
+
+class ObstacleMarkers:
+    """
+    Publishes the obstacles of the scene and those of others, all at once, latched.
+
+    Changes are published at once, motion when it is due. While nobody subscribes nothing is
+    packed: whoever comes gets the present state.
+
+    Parameters
+    ----------
+    node : Node
+    stepper : Stepper
+    frame_id : str
+
+    """
+
+    def __init__(self, node: Node, stepper: Stepper, frame_id: str) -> None:
+        self._stepper = stepper
+        self._frame_id = frame_id
+        self._shown: Shown = {}
+        self._newcomers = False
+        events = PublisherEventCallbacks(matched=self._welcome)
+        self._publisher = node.create_publisher(
+            MarkerArray, '~/obstacle_markers', LATCHED, event_callbacks=events
+        )
+        self._publish(self._present())
+
+    def look(self, due: bool) -> None:
+        """
+        Publish what is in the way if it is not what was published last.
+
+        Parameters
+        ----------
+        due : bool
+            whether also what merely moves on is to be published
+
+        """
+        if self._stepper.replaying or not self._publisher.get_subscription_count():
+            return
+        due, self._newcomers = due or self._newcomers, False
+        there, shown = self._stepper.world.obstacles, self._shown
+        if len(there) == len(shown) and all(map(operator.is_, there, shown.values())):
+            return
+        present = self._present()
+        if present.keys() != shown.keys():
+            self._publish(present)
+            return
+        pairs = [(obstacle, shown[key]) for key, obstacle in present.items()]
+        if due or any(now.config != before.config for now, before in pairs):
+            if not all(_alike(now, before) for now, before in pairs):
+                self._publish(present)
+            self._shown = present
+
+    def _present(self) -> Shown:
+        world = self._stepper.world
+        scene = world.obstacles[: len(world.config.obstacles)]
+        shown = {(obstacle.config.name, 0): obstacle for obstacle in scene}
+        # no name of the scene has a slash
+        for (namespace, number), guest in world.outside.guests.items():
+            shown[f'others/{namespace}', number] = guest.obstacle
+        return shown
+
+    def _publish(self, shown: Shown) -> None:
+        world = self._stepper.world
+        names = {config.name for config in world.config.obstacles}
+        self._shown = shown
+        self._publisher.publish(
+            messages.serialized_obstacles(
+                self._stepper.time_of(world.tick),
+                self._frame_id,
+                [
+                    ShownObstacle(*key, _color(obstacle, key[0] in names), obstacle)
+                    for key, obstacle in shown.items()
+                ],
+            )
+        )
+
+    def _welcome(self, info: QoSPublisherMatchedInfo) -> None:
+        """Let the next look publish what has moved on while nobody was there."""
+        if info.current_count_change > 0:
+            self._newcomers = True
+
+
+def _alike(one: Obstacle, other: Obstacle) -> bool:
+    """Whether two look the same; in general they are the same."""
+    return one is other or (
+        (one.config.type, one.config.size) == (other.config.type, other.config.size)
+        and np.array_equal(one.position, other.position)
+        and np.array_equal(one.rotation, other.rotation)
+    )
+
+
+def _color(obstacle: Obstacle, of_scene: bool) -> tuple[float, ...]:
+    if not of_scene:
+        return OTHERS_COLOR
+    return PLANE_COLOR if obstacle.config.type == 'plane' else COLOR

@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The services of simulation_interfaces on a node: messages in, `standard_services`, messages out.
+
+Offered where that package is importable; it is part of ROS Jazzy but not on PyPI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+import importlib
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.type_support import check_for_type_support
+
+from softbody_ros.ros import messages
+from softbody_ros.ros.simulation_interfaces import (
+    FEATURES,
+    OK,
+    OPERATION_FAILED,
+    Outcome,
+    Simulation,
+    features,
+)
+
+PACKAGE = 'simulation_interfaces.srv'
+
+
+def interfaces(node: Node) -> dict[str, type]:
+    """Return the package's services that are offered, by name; none where it is not usable."""
+    try:
+        module = importlib.import_module(PACKAGE)
+        kinds = {
+            name: getattr(module, ''.join(word.capitalize() for word in name.split('_')))
+            for name in FEATURES
+        }
+        for kind in kinds.values():
+            check_for_type_support(kind)
+    except ImportError:
+        node.get_logger().debug('simulation_interfaces is not installed: no such services')
+        return {}
+    except Exception as error:  # a broken installation raises what it likes
+        node.get_logger().warning(f'simulation_interfaces cannot be used and is left out: {error}')
+        return {}
+    return kinds
+
+
+def offer(
+    node: Node,
+    simulation: Simulation,
+    frame_id: str,
+    stamp: Callable[[], int],
+    steps_taken: Callable[[], Awaitable[str]],
+) -> list[str]:
+    """
+    Create the services on a node, where the package is installed.
+
+    Parameters
+    ----------
+    node : Node
+    simulation : Simulation
+    frame_id : str
+        the frame of all poses and twists
+    stamp : callable
+        the clock's time of the present state, ns
+    steps_taken : callable
+        waits until the steps that have been asked for are taken; returns what went wrong, or ''
+
+    Returns
+    -------
+    list of str
+        names of the services, none without the package
+
+    """
+    kinds = interfaces(node)
+    server = _Server(simulation, frame_id, stamp, steps_taken)
+    for name, kind in kinds.items():
+        if name == 'step_simulation':
+            # it waits for the timer, which must not wait for it
+            waits = ReentrantCallbackGroup()
+            node.create_service(kind, f'~/{name}', server.step_simulation, callback_group=waits)
+        else:
+            node.create_service(kind, f'~/{name}', server.answer(name))
+    return list(kinds)
+
+
+class _Server:
+    """One method for each service: from the request to the response."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        frame_id: str,
+        stamp: Callable[[], int],
+        steps_taken: Callable[[], Awaitable[str]],
+    ) -> None:
+        self._simulation = simulation
+        self._frame_id = frame_id
+        self._stamp, self._steps_taken = stamp, steps_taken
+
+    def answer(self, name: str) -> Callable[[Any, Any], Any]:
+        """Return the handler of a service: a client that gets no answer would wait for ever."""
+        handler = getattr(self, name)
+
+        def answered(request: Any, response: Any) -> Any:
+            try:
+                return handler(request, response)
+            except Exception as error:
+                reason = f'{name} failed: {type(error).__name__}: {error}'
+                return _with(response, Outcome(OPERATION_FAILED, reason))
+
+        return answered
+
+    async def step_simulation(self, request: Any, response: Any) -> Any:
+        outcome = self._simulation.step(request.steps)
+        if outcome.code == OK:
+            failure = await self._steps_taken()
+            outcome = Outcome(OPERATION_FAILED, failure) if failure else outcome
+        return _with(response, outcome)
+
+    def get_simulator_features(self, _: Any, response: Any) -> Any:
+        response.features.features = features(FEATURES)
+        response.features.custom_info = 'softbody_ros: entities are soft bodies'
+        return response
+
+    def reset_simulation(self, request: Any, response: Any) -> Any:
+        return _with(response, self._simulation.reset(request.scope))
+
+    def get_simulation_state(self, _: Any, response: Any) -> Any:
+        response.state.state = self._simulation.state
+        return _with(response, Outcome())
+
+    def set_simulation_state(self, request: Any, response: Any) -> Any:
+        return _with(response, self._simulation.set_state(request.state.state))
+
+    def get_entities(self, request: Any, response: Any) -> Any:
+        filters = request.filters
+        outcome, response.entities = self._simulation.entities(
+            filters.filter,
+            len(filters.categories),
+            len(filters.tags.tags),
+            filters.bounds.type,
+            [(point.x, point.y, point.z) for point in filters.bounds.points],
+        )
+        return _with(response, outcome)
+
+    def get_entity_state(self, request: Any, response: Any) -> Any:
+        outcome, fit = self._simulation.entity_state(request.entity)
+        if fit is not None:
+            messages.fill_entity_state(response.state, self._stamp(), self._frame_id, fit)
+        return _with(response, outcome)
+
+    def set_entity_state(self, request: Any, response: Any) -> Any:
+        state = request.state
+        frame_id = state.header.frame_id
+        if frame_id not in ('', self._frame_id):
+            reason = f'frame_id is {frame_id!r}: poses and twists are given in {self._frame_id!r}'
+            return _with(response, Outcome(OPERATION_FAILED, reason))
+        pose = twist = None
+        # versions before 2 always set both
+        if getattr(request, 'set_pose', True):
+            position, orientation = state.pose.position, state.pose.orientation
+            pose = (
+                (position.x, position.y, position.z),
+                (orientation.x, orientation.y, orientation.z, orientation.w),
+            )
+        if getattr(request, 'set_twist', True):
+            linear, angular = state.twist.linear, state.twist.angular
+            twist = (linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z)
+        return _with(response, self._simulation.set_entity_state(request.entity, pose, twist))
+
+
+def _with(response: Any, outcome: Outcome) -> Any:
+    response.result.result, response.result.error_message = outcome.code, outcome.message
+    return response

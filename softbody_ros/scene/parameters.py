@@ -1,0 +1,310 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The one table of parameters, and what follows from it.
+
+`table` lists every parameter with its `Setting`: declaration, descriptors, validation, the core's
+config and the README table (`python3 -m softbody_ros.scene.parameters`) are derived from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+import dataclasses
+from dataclasses import dataclass
+import numbers
+import os
+import pathlib
+import sys
+from typing import Any, TypeVar
+
+from softbody_ros.core.config import (
+    BodyConfig,
+    Checked,
+    ConfigError,
+    ObstacleConfig,
+    Setting,
+    WorldConfig,
+    checked,
+    setting,
+    settings,
+    unknown_name,
+)
+
+FOREIGN_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+"""Of parameters that every node has: they are not of the scene."""
+
+_HasMesh = TypeVar('_HasMesh', BodyConfig, ObstacleConfig)
+
+
+@dataclass(frozen=True)
+class NodeConfig(Checked):
+    """What the node needs besides the world."""
+
+    frame_id: str = setting(
+        'world', 'frame of everything that is published and received', read_only=True
+    )
+    points_rate: float = setting(
+        60.0, '~/points and ~/odometry, in clock time; 0 is off', unit='Hz', minimum=0.0,
+        maximum=1e4,
+    )  # fmt: skip
+    mesh_rate: float = setting(
+        30.0, '~/mesh and what moves of ~/obstacle_markers, in clock time; 0 is off', unit='Hz',
+        minimum=0.0, maximum=1e4,
+    )  # fmt: skip
+    time_scale: float = setting(
+        1.0, 'simulated seconds per second of the clock; 0 freezes', minimum=0.0, maximum=10.0
+    )
+    history_memory: float = setting(
+        128.0, 'for going back in time with /clock; 0 simulates again from the start', unit='MiB',
+        minimum=0.0, maximum=1e6, group='history',
+    )  # fmt: skip
+    step_count: int = setting(1, 'ticks per call of ~/step', minimum=1, maximum=1_000_000)
+
+    input_timeout: float = setting(
+        0.5, 'simulated time for which ~/wrench, ~/gravity and the velocities of ~/obstacles act '
+        'without another message', unit='s', minimum=1e-3, maximum=1e4,
+    )  # fmt: skip
+    obstacle_points_radius: float = setting(
+        0.02, 'of the spheres by which the points of ~/obstacle_points push', unit='m',
+        minimum=1e-4, maximum=1e3, group='obstacle_points',
+    )  # fmt: skip
+    poke_radius: float = setting(
+        0.15, 'of the spot that ~/poke pokes', unit='m', minimum=1e-4, maximum=1e3, group='poke'
+    )
+    poke_impulse: float = setting(
+        1.5, 'momentum that it gives, inwards', unit='N s', minimum=0.0, maximum=1e6, group='poke'
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.frame_id:
+            raise ConfigError("frame_id is '': give the name of a frame, for example world")
+
+
+@dataclass(frozen=True)
+class Appearance(Checked):
+    """How a body is drawn."""
+
+    name: str = 'body'
+    color: tuple[float, ...] = setting(
+        (0.9, 0.45, 0.2, 1.0), 'red green blue alpha of ~/mesh', minimum=0.0, maximum=1.0
+    )
+
+
+@dataclass(frozen=True)
+class SceneLists(Checked):
+    """Which bodies and obstacles there are: their names prefix their parameters."""
+
+    bodies: tuple[str, ...] = setting(('ball',), 'names of the bodies', read_only=True, items=str)
+    obstacles: tuple[str, ...] = setting(
+        ('ground',), 'names of the obstacles; [] for none', read_only=True, items=str
+    )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that the parameters say."""
+
+    node: NodeConfig
+    world: WorldConfig
+    appearances: Mapping[str, Appearance]
+
+
+def table(lists: SceneLists) -> dict[str, Setting]:
+    """Return every parameter's name and `Setting`, in the order of the documentation."""
+    parts: list[tuple[str, type]] = [('', NodeConfig), ('', WorldConfig), ('', SceneLists)]
+    for name in lists.bodies:
+        parts += [(f'{name}.', BodyConfig), (f'{name}.', Appearance)]
+    parts += [(f'{name}.', ObstacleConfig) for name in lists.obstacles]
+    return {
+        prefix + dotted: facts for prefix, part in parts for _, dotted, facts in settings(part)
+    }
+
+
+def scene_lists(values: Mapping[str, Any]) -> SceneLists:
+    """Return the names of bodies and obstacles; an empty YAML list arrives as None."""
+    names = {}
+    for field, dotted, facts in settings(SceneLists):
+        value = values.get(dotted, facts.default)
+        items = checked(dotted, () if value is None else value, facts)
+        names[field] = tuple(name for name in items if name)
+    if not names['bodies']:
+        raise ConfigError('bodies is []: name at least one body, for example [ball]')
+    return SceneLists(**names)
+
+
+def known_values(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """
+    Sort out what a YAML file or a command line gives.
+
+    Returns
+    -------
+    values : dict
+        of the scene, integers promoted; misspelt names of things in it are left to `make_scene`
+    unknown : dict
+        for each name that is nobody's, a clause that helps
+
+    Raises
+    ------
+    ConfigError
+        if `bodies` or `obstacles` is not a list of names.
+
+    """
+    lists = scene_lists(given)
+    known = table(lists)
+    own_prefixes = {'gravity', *lists.bodies, *lists.obstacles}
+    values, unknown = {}, {}
+    for name, value in given.items():
+        first = name.split('.')[0]
+        if name in known or first in own_prefixes:
+            values[name] = promoted(value, known[name]) if name in known else value
+        elif first not in FOREIGN_PREFIXES:
+            unknown[name] = unknown_name(name, list(known))
+    return values, unknown
+
+
+def make_scene(values: Mapping[str, Any]) -> Scene:
+    """
+    Return the scene that parameter values describe; missing ones have their default.
+
+    Raises
+    ------
+    ConfigError
+        if a name is unknown, a value wrong, or values contradict each other.
+
+    """
+    lists = scene_lists(values)
+    known = table(lists)
+    for name in values:
+        if name not in known:
+            raise ConfigError(f'unknown parameter {name}: {unknown_name(name, list(known))}')
+
+    def fields(part: type, prefix: str = '') -> dict[str, Any]:
+        return {
+            field: values[prefix + dotted]
+            for field, dotted, _ in settings(part)
+            if prefix + dotted in values
+        }
+
+    bodies = [
+        _with_mesh_path(BodyConfig(name=name, **fields(BodyConfig, f'{name}.')))
+        for name in lists.bodies
+    ]
+    obstacles = [
+        _with_mesh_path(ObstacleConfig(name=name, **fields(ObstacleConfig, f'{name}.')))
+        for name in lists.obstacles
+    ]
+    return Scene(
+        node=NodeConfig(**fields(NodeConfig)),
+        world=WorldConfig(bodies=tuple(bodies), obstacles=tuple(obstacles), **fields(WorldConfig)),
+        appearances={
+            name: Appearance(name=name, **fields(Appearance, f'{name}.')) for name in lists.bodies
+        },
+    )
+
+
+def _with_mesh_path(config: _HasMesh) -> _HasMesh:
+    return dataclasses.replace(config, mesh=mesh_path(str(config.mesh)))
+
+
+def mesh_path(mesh: str) -> str:
+    """
+    Return the path that a `mesh` parameter means; names of primitives stay.
+
+    Raises
+    ------
+    ConfigError
+        if a package:// URI names a package that is not installed.
+
+    """
+    if mesh.startswith('file://'):
+        return mesh.removeprefix('file://')
+    if not mesh.startswith('package://'):
+        return os.path.expanduser(mesh)
+    package, _, path = mesh.removeprefix('package://').partition('/')
+    try:
+        return os.path.join(share_directory(package), path)
+    except (LookupError, ValueError, OSError, ImportError):
+        raise ConfigError(
+            f'mesh {mesh}: package {package!r} is not installed, or its workspace is not sourced'
+        ) from None
+
+
+def share_directory(package: str) -> str:
+    """
+    Return where the files of a package lie; of this one also where pip put or git left them.
+
+    Raises
+    ------
+    LookupError, ValueError, OSError, ImportError
+        if they are nowhere.
+
+    """
+    source = pathlib.Path(__file__).parents[2]
+    if package == 'softbody_ros' and (source / 'package.xml').is_file():
+        return str(source)
+    try:
+        # here, not above: what bakes a scene needs no ROS
+        from ament_index_python.packages import get_package_share_directory
+
+        return get_package_share_directory(package)
+    except (LookupError, OSError, ImportError):
+        installed = pathlib.Path(sys.prefix) / 'share' / package
+        if package == 'softbody_ros' and installed.is_dir():
+            return str(installed)
+        raise
+
+
+def promoted(value: Any, facts: Setting) -> Any:
+    """Return integers as floats where the parameter is a float; all else as it is."""
+    if isinstance(facts.default, float) and _is_integer(value):
+        return float(value)
+    if facts.length is not None and isinstance(value, Iterable) and not isinstance(value, str):
+        items = list(value)
+        if all(_is_integer(item) for item in items):
+            return [float(item) for item in items]
+    return value
+
+
+def _is_integer(value: Any) -> bool:
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+
+
+def as_parameter(value: Any, facts: Setting) -> Any:
+    """Return a setting's value as rclpy wants it, which cannot tell the type of an empty list."""
+    if isinstance(value, (tuple, list)):
+        return list(value) or ([''] if facts.items is str else [-1])
+    return value
+
+
+def type_name(facts: Setting) -> str:
+    """Return the type as ROS tools name it."""
+    names = {int: 'integer', float: 'double', str: 'string'}
+    if isinstance(facts.default, tuple):
+        return names[facts.items or float] + ' array'
+    return names[type(facts.default)]
+
+
+def markdown() -> str:
+    """Return the README's table of parameters."""
+    rows = ['| parameter | type | default | range | unit | |', '|---|---|---|---|---|---|']
+    for name, facts in table(SceneLists()).items():
+        rows.append(
+            f'| `{name}`{"†" if facts.read_only else ""} | {type_name(facts)} '
+            f'| {_default_text(facts.default)} | {facts.range_text.replace("|", "·")} '
+            f'| {facts.unit} | {facts.description} |'
+        )
+    return '\n'.join(rows)
+
+
+def _default_text(default: Any) -> str:
+    if isinstance(default, tuple):
+        return '[' + ', '.join(_default_text(item) for item in default) + ']'
+    if isinstance(default, float) and 0.0 < default < 0.01:
+        return f'1/{1 / default:g}'
+    return f'{default:g}' if isinstance(default, float) else str(default)
+
+
+if __name__ == '__main__':
+    print(markdown())

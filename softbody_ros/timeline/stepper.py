@@ -1,0 +1,354 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Which tick is due at which time of the driving clock; pure Python, knows nothing of ROS."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+import math
+import time
+
+from softbody_ros.core import World, WorldConfig
+from softbody_ros.timeline.history import Action, History, Note
+
+SLICE = 0.02
+"""Seconds of work after which the caller gets the control back, so that it stays responsive."""
+LARGEST_LAG = 0.05
+"""Seconds that a world driven by wall time may be behind before it drops the rest."""
+CATCH_UP = 0.5
+"""Further behind than this, one state per slice is published: progress instead of a flood."""
+MOST_SEGMENTS = 10_000
+MEBIBYTE = 2.0**20
+
+
+@dataclass(frozen=True)
+class Segment:
+    """
+    From a time of the clock on, ticks follow each other at a fixed distance.
+
+    Attributes
+    ----------
+    time : int
+        ns
+    tick : int
+        the tick of that time
+    period : float
+        ns from tick to tick; infinite while nothing moves
+
+    """
+
+    time: int
+    tick: int
+    period: float
+
+    def time_of(self, tick: int) -> int:
+        """Return the time of a tick, ns."""
+        if tick == self.tick or math.isinf(self.period):
+            return self.time
+        return self.time + round((tick - self.tick) * self.period)
+
+    def tick_at(self, now: int) -> int:
+        """Return the last tick that is due at a time: the inverse of `time_of`, to the ns."""
+        if math.isinf(self.period):
+            return self.tick
+        tick = self.tick + math.floor((now - self.time) / self.period)
+        return tick + 1 if self.time_of(tick + 1) <= now else tick
+
+
+class Stepper:
+    """
+    Steps a world along a clock: a whole number of ticks, whatever the calls' timing.
+
+    Times of the clock are integer nanoseconds. Ticks follow the clock in segments: pausing,
+    resetting, another speed and dropping begin a new one. When the clock goes back, the world goes
+    back to the tick that belonged to that time, bit by bit, with everything that had acted on it
+    until then; what has acted on it later is undone.
+
+    Parameters
+    ----------
+    world : World
+    rates : mapping of str to float
+        outputs and how often each is due, Hz of the clock's time; 0 is never
+    stopwatch : callable
+        seconds that only grow, to bound the work of a slice
+
+    """
+
+    def __init__(
+        self,
+        world: World,
+        rates: Mapping[str, float],
+        stopwatch: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self.world = world
+        self.rates = dict(rates)
+        self.time_scale = 1.0
+        self.paused = False
+        self.dropped = 0.0
+        self.busy = 0.0
+        self.history = History(world, 128 * MEBIBYTE)
+        self._stopwatch = stopwatch
+        self._segments: list[Segment] = []
+        self._publish_now = True
+        self._steps_left = 0
+        # on the way back to a tick that has been: what acts again, and what has to wait until then
+        self._replay: deque[Note] = deque()
+        self._replay_end = 0
+        self._waiting: list[tuple[Action, int]] = []
+        self._config = world.config
+
+    # ------------------------------------------------------------------------------ tick and time
+    @property
+    def started(self) -> bool:
+        """Whether the clock has been seen."""
+        return bool(self._segments)
+
+    def time_of(self, tick: int) -> int:
+        """Return the clock's time of a tick, ns."""
+        for segment in reversed(self._segments):
+            if segment.tick <= tick:
+                return segment.time_of(tick)
+        return self._segments[0].time_of(tick) if self._segments else 0
+
+    def lag(self, now: int) -> float:
+        """Return how far the world is behind the clock, s of the clock's time."""
+        if not self._moves or not self.started:
+            return 0.0
+        return (now - self._segments[-1].time_of(self.world.tick)) * 1e-9
+
+    @property
+    def _moves(self) -> bool:
+        return not self.paused and self.time_scale > 0.0
+
+    @property
+    def _period(self) -> float:
+        return 1e9 * self.world.config.time_step / self.time_scale if self._moves else math.inf
+
+    @property
+    def replaying(self) -> bool:
+        """Whether the world is on its way to a tick that it has been at before."""
+        return self.world.tick < self._replay_end
+
+    def _due_tick(self, now: int) -> int:
+        if not self.started:
+            return self.world.tick
+        return max(self._segments[-1].tick_at(now), self._replay_end)
+
+    # ----------------------------------------------------------------------------------- commands
+    def act(self, action: Action, nbytes: int = 0) -> None:
+        """
+        Do something to the world, and remember it for the next time that the tick comes.
+
+        Parameters
+        ----------
+        action : callable
+            it must not change, nor what it refers to
+        nbytes : int
+            memory that it takes
+
+        """
+        if self.replaying:
+            self._waiting.append((action, nbytes))
+            # a way back may be long: of clouds that come meanwhile the last ones are enough
+            while sum(size for _, size in self._waiting) > self.history.most_for_actions:
+                self._waiting.pop(0)
+            return
+        action(self.world)
+        self.history.note(self.world.tick, action, nbytes)
+
+    def configure(self, config: WorldConfig) -> None:
+        """
+        Let the world have other parameters from the current tick on.
+
+        Raises
+        ------
+        ConfigError
+            if it cannot have them; nothing has changed then.
+
+        """
+        self.world.check(config)
+        self._config = config
+        if not self.replaying:
+            self.act(lambda world: world.configure(config))
+
+    def reanchor(self, now: int) -> None:
+        """Let the current tick be now: what lies between is neither simulated nor dropped."""
+        self._segments = [segment for segment in self._segments if segment.time < now]
+        self._segments = self._segments[-MOST_SEGMENTS:]
+        self._segments.append(Segment(now, max(self.world.tick, self._replay_end), self._period))
+
+    def switch_clock(self, now: int) -> None:
+        """Go on from the current tick by another clock."""
+        if self.started:
+            begin = now - round(1e9 * self.world.time)
+            self._segments = [Segment(begin, 0, 1e9 * self.world.config.time_step)]
+            self.reanchor(now)
+
+    def publish_now(self) -> None:
+        """Let the next `advance` begin with all outputs of the current state."""
+        self._publish_now = True
+
+    def set_time_scale(self, scale: float, now: int) -> None:
+        """Go on at another speed from now."""
+        if scale != self.time_scale:
+            self.time_scale = scale
+            self._reanchor_if_started(now)
+
+    def pause(self, paused: bool, now: int) -> None:
+        """Stop, or go on from the current tick."""
+        if paused != self.paused:
+            self.paused, self._steps_left = paused, 0
+            self._reanchor_if_started(now)
+            self.publish_now()
+
+    def _reanchor_if_started(self, now: int) -> None:
+        if self.started:
+            self.reanchor(now)
+
+    def single_step(self, ticks: int) -> None:
+        """Ask for ticks while paused: `take_steps` takes them, in slices."""
+        self._steps_left = ticks
+
+    @property
+    def stepping(self) -> bool:
+        """Whether ticks that have been asked for are still to be taken."""
+        return self._steps_left > 0
+
+    def take_steps(self, now: int) -> None:
+        """
+        Take ticks that have been asked for, one slice of work at most; the tick reached is now.
+
+        Raises
+        ------
+        SimulationError
+            if a tick cannot be computed; no more are taken then.
+
+        """
+        begin = self._stopwatch()
+        steps, self._steps_left = self._steps_left, 0
+        while steps and self._stopwatch() - begin < SLICE:
+            steps -= not self.replaying
+            self._timed_step()
+        self._steps_left = steps
+        self._reanchor_if_started(now)
+        self.publish_now()
+
+    def reset(self, now: int) -> None:
+        """
+        Return to the initial state: tick 0 is now, and there is no past.
+
+        What others have put in the way stays there, even if a way back has not come to it yet.
+        """
+        for action in [note.action for note in self._replay] + [item for item, _ in self._waiting]:
+            action(self.world)
+        self._replay, self._replay_end, self._waiting = deque(), 0, []
+        self._steps_left = 0
+        self.world.configure(self._config)
+        self.world.reset()
+        self.history.begin(self.world)
+        if self.started:
+            self._segments = []
+            self.reanchor(now)
+        self.publish_now()
+
+    def rewind(self, now: int) -> None:
+        """
+        Follow a clock that went back: to the tick that belonged to that time.
+
+        `advance` simulates the way there from the snapshot before it. Before the beginning the
+        initial state is what there is. While nothing moves, the present state stays.
+        """
+        if not self.started:
+            return
+        if not self._moves:
+            self.reanchor(now)
+            return
+        earlier = [segment for segment in self._segments if segment.time <= now]
+        tick = max(earlier[-1].tick_at(now), 0) if earlier else 0
+        if tick >= max(self.world.tick, self._replay_end):
+            return
+        self._replay = self.history.go_back(self.world, tick)
+        self._replay_end = tick
+        self._segments = earlier or self._segments[:1]
+        if earlier and earlier[-1].period != self._period:
+            self.reanchor(now)
+        self.publish_now()
+        if not self.replaying:
+            self._arrive()
+
+    def _arrive(self) -> None:
+        """Go on with the present parameters, and with what has been asked for on the way."""
+        waiting, self._waiting = self._waiting, []
+        if self.world.config != self._config:
+            self.configure(self._config)
+        for action, nbytes in waiting:
+            self.act(action, nbytes)
+
+    # ------------------------------------------------------------------------------------ advance
+    def advance(self, now: int, drop_overload: bool) -> Iterator[set[str]]:
+        """
+        Step to the tick that is due, one slice of work at most.
+
+        Yields the outputs that are due at the current tick, with the world in that state. An
+        output is due at the ticks that its rate selects, so the same ones however the calls are
+        timed; and at once after a start, a reset, a pause, a step or a jump.
+
+        Parameters
+        ----------
+        now : int
+            the clock's time, ns
+        drop_overload : bool
+            whether time that cannot be simulated in time is dropped (wall time) or kept (/clock)
+
+        Raises
+        ------
+        SimulationError
+            if a tick cannot be computed.
+
+        """
+        begin = self._stopwatch()
+        if not self.started:
+            self.reanchor(now)
+        if self._publish_now and not self.replaying:
+            self._publish_now = False
+            yield set(self.rates)
+        catching_up = self.lag(now) > CATCH_UP
+        due_tick, first_tick = self._due_tick(now), self.world.tick
+        while self.world.tick < due_tick and self._stopwatch() - begin < SLICE:
+            replaying = self.replaying
+            self._timed_step()
+            due = self._due_outputs()
+            if self._publish_now and not self.replaying:
+                self._publish_now = False
+                yield set(self.rates)
+            elif due and not catching_up and not replaying:
+                yield due
+        if catching_up and self.world.tick > first_tick:
+            yield set(self.rates)
+        if drop_overload and self.lag(now) > LARGEST_LAG:
+            self.dropped += self.lag(now)
+            self.reanchor(now)
+
+    def _timed_step(self) -> None:
+        begin = self._stopwatch()
+        while self._replay and self._replay[0].tick == self.world.tick:
+            self._replay.popleft().action(self.world)
+        replaying = self.replaying
+        self.world.step()
+        self.history.record(self.world)
+        if replaying and not self.replaying:
+            self._arrive()
+        self.busy += self._stopwatch() - begin
+
+    def _due_outputs(self) -> set[str]:
+        tick, h = self.world.tick, self.world.config.time_step
+        # multiples of the period of each output, counted from tick 0
+        return {
+            output
+            for output, rate in self.rates.items()
+            if rate > 0.0
+            and math.floor(tick * h * rate / self.time_scale + 1e-6)
+            > math.floor((tick - 1) * h * rate / self.time_scale + 1e-6)
+        }

@@ -1,0 +1,226 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to NumPy, colours of displacements, and what a click meets: pure functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+import struct
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import PointField
+
+from softbody_ros.core.geometry.mesh import vertex_normals
+from softbody_ros.ros.messages import POINT_FIELDS, POINT_TYPE
+
+COLORS = np.array(
+    [
+        [69, 117, 180], [116, 173, 209], [171, 217, 233], [224, 243, 248], [255, 255, 191],
+        [254, 224, 144], [253, 174, 97], [244, 109, 67], [215, 48, 39],
+    ],
+    float,
+)  # fmt: skip
+"""RdYlBu of ColorBrewer, from blue, evenly spaced: bright enough to be shaded."""
+PALETTE = (
+    (230, 115, 51), (84, 140, 214), (106, 176, 76), (198, 92, 140),
+    (228, 184, 60), (80, 176, 176), (146, 110, 200), (150, 130, 110),
+)  # fmt: skip
+"""Of bodies whose colours nobody tells."""
+
+
+class FrameError(ValueError):
+    """A message that cannot be shown; with one sentence that says why."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """All particles at one time: positions (n, 3), displacement (n,), body (n,)."""
+
+    frame_id: str
+    positions: np.ndarray
+    displacement: np.ndarray
+    body: np.ndarray
+
+
+def frame(cloud: Any) -> Frame:
+    """
+    Return what a sensor_msgs/PointCloud2 of `~/points` says.
+
+    Raises
+    ------
+    FrameError
+        if it has not the fields of `~/points`, or is cut off.
+
+    """
+    kinds = dict(POINT_FIELDS)
+    offsets = {
+        item.name: item.offset
+        for item in cloud.fields
+        if item.datatype == kinds.get(item.name, PointField.FLOAT32)
+    }
+    missing = [name for name in kinds if name not in offsets]
+    if missing:
+        raise FrameError(f'the cloud is not one of ~/points: it lacks {", ".join(missing)}')
+    if cloud.is_bigendian:
+        raise FrameError('the cloud is not one of ~/points: it is big-endian')
+    if not 4 + max(offsets.values()) <= cloud.point_step < 2**31:
+        raise FrameError(f'the cloud has no room for its fields: point_step {cloud.point_step}')
+    layout = np.dtype(
+        {
+            'names': list(kinds),
+            'formats': [POINT_TYPE[name] for name in kinds],
+            'offsets': [offsets[name] for name in kinds],
+            'itemsize': cloud.point_step,
+        }
+    )
+    count = cloud.width * cloud.height
+    if len(cloud.data) < count * layout.itemsize:
+        raise FrameError(f'the cloud is cut off: {len(cloud.data)} bytes for {count} points')
+    records = np.frombuffer(cloud.data, layout, count)
+    if count and records['body'].max() >= count:
+        raise FrameError(f'the cloud has {count} points, but one of body {records["body"].max()}')
+    positions = np.stack([records['x'], records['y'], records['z']], axis=-1)
+    return Frame(cloud.header.frame_id, positions, records['displacement'], records['body'])
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The triangles (m, 3) of all bodies, and the rest positions (n, 3) that they index."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+
+    def normals(self, positions: np.ndarray) -> np.ndarray:
+        """Return the normals (n, 3) of the vertices at positions (n, 3), weighted by area."""
+        sums = vertex_normals(positions, self.faces)
+        lengths = np.sqrt(np.einsum('ij,ij->i', sums, sums))
+        return sums / np.maximum(lengths, 1e-30)[:, None]
+
+    def is_where(self, other: Surface | None) -> bool:
+        """Whether another surface, if there is one, fills the same box."""
+        if other is None or not len(other.vertices):
+            return False
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        near = 0.1 * float(np.linalg.norm(high - low))
+        gaps = np.abs([other.vertices.min(axis=0) - low, other.vertices.max(axis=0) - high])
+        return bool(gaps.max() <= near)
+
+    def fits(self, frame: Frame) -> bool:
+        """Whether the triangles are those of this frame's particles."""
+        return len(self.vertices) == len(frame.positions)
+
+
+def surface(data: bytes) -> Surface:
+    """
+    Return what a serialized shape_msgs/Mesh of `~/rest_mesh` says.
+
+    To make objects of 100 000 triangles takes rclpy most of a second.
+
+    Raises
+    ------
+    FrameError
+        if it is cut off, a triangle has a vertex that there is not, or one is nowhere.
+
+    """
+    try:
+        (encoding,) = struct.unpack_from('>H', data)
+        order = '<' if encoding & 1 else '>'
+        (count,) = struct.unpack_from(order + 'I', data, 4)
+        faces = np.frombuffer(data, order + 'u4', 3 * count, 8).reshape(-1, 3)
+        place = 8 + faces.nbytes
+        (count,) = struct.unpack_from(order + 'I', data, place)
+        place += 4 + -place % 8  # doubles begin at multiples of 8 after the encoding
+        vertices = np.frombuffer(data, order + 'f8', 3 * count, place if count else 0)
+    except (struct.error, ValueError):
+        raise FrameError(f'the mesh is cut off after {len(data)} bytes') from None
+    vertices = vertices.reshape(-1, 3)
+    if faces.size and faces.max() >= len(vertices):
+        raise FrameError(f'the mesh has {len(vertices)} vertices, but not number {faces.max()}')
+    if not np.abs(vertices).max(initial=0.0) < np.finfo(np.float32).max:
+        raise FrameError('the mesh has a vertex whose place is not finite')
+    return Surface(vertices.astype(float), faces.astype(np.uint32))
+
+
+@dataclass(frozen=True)
+class Part:
+    """The bodies of one colour: their particles (k,), and triangles (m, 3) among these."""
+
+    color: tuple[int, int, int, int]
+    particles: np.ndarray
+    faces: np.ndarray
+
+
+def parts(surface: Surface, body: np.ndarray, colors: list) -> list[Part]:
+    """
+    Return the surface in as many parts as there are colours: few, however many bodies.
+
+    Parameters
+    ----------
+    surface : Surface
+    body : (n,) int
+        of each particle
+    colors : list of (4,) int
+        of each body, 0 … 255
+
+    """
+    result = []
+    color_of = np.array([colors.index(colors[index]) for index in range(len(colors))])[body]
+    for index in np.unique(color_of):
+        mine = color_of == index
+        renumbered = np.cumsum(mine) - 1
+        faces = renumbered[surface.faces[mine[surface.faces[:, 0]]]]
+        result.append(Part(tuple(colors[index]), np.flatnonzero(mine), faces.astype(np.uint32)))
+    return result
+
+
+def to_bytes(color: Iterable[float]) -> tuple[int, ...]:
+    """Return intensities of 0 … 1 as 0 … 255, whatever else they may be."""
+    limited = np.clip(np.nan_to_num(list(color)), 0.0, 1.0)
+    return tuple(int(item) for item in (255.0 * limited).round())
+
+
+def _heat_table() -> np.ndarray:
+    """Return 256 colours of `COLORS` as light intensities, which is what glTF asks for."""
+    places = np.linspace(0.0, len(COLORS) - 1.0, 256)
+    srgb = np.stack([np.interp(places, range(len(COLORS)), channel) for channel in COLORS.T], -1)
+    table = np.full((256, 4), 255.0)
+    table[:, :3] = 255.0 * ((srgb / 255.0 + 0.055) / 1.055) ** 2.4
+    return table.round().astype(np.uint8)
+
+
+_HEAT = _heat_table()
+
+
+def heat(displacement: np.ndarray, most: float) -> np.ndarray:
+    """Return the colours (n, 4), uint8, for glTF, of displacements (n,) from 0 to `most`."""
+    return _HEAT[np.clip(255.0 / most * displacement, 0.0, 255.0).astype(np.uint8)]
+
+
+def round_up(value: float, steps: tuple[float, ...] = (1.0, 2.0, 5.0)) -> float:
+    """Return the least that is not below a positive value, of the steps times powers of ten."""
+    power = 10.0 ** np.floor(np.log10(value))
+    step = next(step for step in (*steps, 10.0) if step * power >= value * (1 - 1e-9))
+    return float(f'{step * power:.6g}')
+
+
+def first_hit(
+    origin: np.ndarray, direction: np.ndarray, positions: np.ndarray, faces: np.ndarray
+) -> np.ndarray | None:
+    """
+    Return where a ray first meets a surface, (3,), or None.
+
+    Möller & Trumbore, Fast, minimum storage ray-triangle intersection (1997).
+    """
+    a, b, c = positions[faces].astype(float).transpose(1, 0, 2)
+    ab, ac, from_a = b - a, c - a, origin - a
+    across = np.cross(direction, ac)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        scale = 1.0 / np.sum(ab * across, axis=-1)
+        u = scale * np.sum(from_a * across, axis=-1)
+        turned = np.cross(from_a, ab)
+        v = scale * (turned @ direction)
+        distance = scale * np.sum(ac * turned, axis=-1)
+        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance > 0.0)
+    return origin + distance[hit].min() * direction if hit.any() else None

@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The 3-D view: bodies, obstacles and the ground, drawn by viser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import viser
+from visualization_msgs.msg import Marker
+
+from softbody_ros.viewer import decoding
+from softbody_ros.viewer.decoding import Frame, Part, Surface
+from softbody_ros.viewer.glb import ColoredFile
+
+GRID: dict[str, Any] = {
+    'infinite_grid': True, 'cell_size': 0.1, 'section_size': 1.0, 'fade_distance': 40.0,
+    'cell_color': (222, 222, 218), 'section_color': (190, 190, 186),
+    'plane_color': (244, 243, 240), 'shadow_opacity': 0.35,
+}  # fmt: skip
+NO_COLOR = (200, 204, 212)
+"""Of a marker without a colour."""
+FAR = 1e9
+"""Metres beyond which nothing is shown."""
+
+
+class Stage:
+    """What is in the view; each method replaces what was shown before."""
+
+    def __init__(self, server: viser.ViserServer, shadows: bool) -> None:
+        self._server, self._scene = server, server.scene
+        self._surface: Surface | None = None
+        self._parts: list[Part] = []
+        self._meshes: list[Any] = []
+        self._heated: Any = None
+        self._file: ColoredFile | None = None
+        self._obstacles: dict[tuple[str, int], tuple[Any, Any]] = {}
+        self._made = 0
+        self._scene.set_up_direction('+z')
+        self._scene.configure_environment_map('studio', environment_intensity=0.4)
+        self._scene.configure_default_lights(True, cast_shadow=shadows)
+        self._grid = self._scene.add_grid('/ground', plane_opacity=0.0, **GRID)
+        self._keep_shader()
+
+    def _keep_shader(self) -> None:
+        """
+        Show a speck of what colours by displacement need.
+
+        The page compiles the shader of coloured vertices anew whenever the last mesh that uses it
+        is replaced, which takes longer than all the rest: this one is never replaced.
+        """
+        speck = Surface(1e-4 * np.eye(3), np.array([[0, 1, 2]]))
+        file = ColoredFile(speck)
+        white = np.full((3, 4), 255, np.uint8)
+        self._scene.add_glb('/speck', file.filled(speck.vertices, np.eye(3), white))
+
+    # -------------------------------------------------------------------------------- the bodies
+    def look_at(self, surface: Surface) -> None:
+        """Turn the cameras to the bodies and to the ground below them."""
+        low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+        low[2] = min(low[2], 0.0)
+        centre, reach = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 1e-3)
+        place = centre + reach * np.array([0.55, -1.25, 0.35])
+        camera = self._server.initial_camera
+        camera.fov, camera.look_at, camera.position = 0.8, centre, place
+        for client in self._server.get_clients().values():
+            # in this order: to place a camera moves what it looks at along
+            client.camera.position = place
+            client.camera.fov, client.camera.look_at = 0.8, centre
+
+    def set_bodies(self, surface: Surface, body: np.ndarray, colors: list) -> None:
+        """Show other bodies, or in other colours: (4,) of 0 … 255 for each."""
+        self._surface = surface
+        self._parts = decoding.parts(surface, body, colors)
+        self._file = None
+        self._clear_bodies()
+
+    def _clear_bodies(self) -> None:
+        for mesh in [*self._meshes, self._heated]:
+            if mesh is not None:
+                mesh.remove()
+        self._meshes, self._heated = [], None
+
+    def show(self, frame: Frame, most: float | None) -> None:
+        """Show the bodies, by displacements up to `most`, m, or else in their own colours."""
+        if self._surface is None or not self._surface.fits(frame) or not self._surface.faces.size:
+            return
+        with self._server.atomic():
+            if most is None:
+                self._show_bodies(frame.positions)
+            else:
+                self._show_heat(frame, most)
+
+    def _show_bodies(self, positions: np.ndarray) -> None:
+        if self._meshes:
+            for mesh, part in zip(self._meshes, self._parts, strict=True):
+                mesh.vertices = positions[part.particles]
+            return
+        self._clear_bodies()
+        self._meshes = [
+            self._scene.add_mesh_simple(
+                f'/bodies/{index}',
+                positions[part.particles],
+                part.faces,
+                color=part.color[:3],
+                opacity=None if part.color[3] == 255 else part.color[3] / 255.0,
+                side='double',
+            )
+            for index, part in enumerate(self._parts)
+        ]
+
+    def _show_heat(self, frame: Frame, most: float) -> None:
+        assert self._surface is not None
+        if self._file is None:
+            self._file = ColoredFile(self._surface)
+        data = self._file.filled(
+            frame.positions,
+            self._surface.normals(frame.positions),
+            decoding.heat(frame.displacement, most),
+        )
+        if self._heated is None:
+            self._clear_bodies()
+            self._heated = self._scene.add_glb('/bodies/displacement', data)
+        else:
+            self._heated.glb_data = data
+
+    # ----------------------------------------------------------------------------- the obstacles
+    def set_obstacles(self, markers: Iterable[Marker]) -> None:
+        """Show what is in the way; planes are grids. What has only moved is moved."""
+        shown = {(m.ns, m.id): m for m in markers if m.action == Marker.ADD and _has_form(m)}
+        for key, (look, node) in list(self._obstacles.items()):
+            if key not in shown or look != _look(shown[key]):
+                node.remove()
+                del self._obstacles[key]
+        for key, marker in shown.items():
+            if key in self._obstacles:
+                _, node = self._obstacles[key]
+                node.position, node.wxyz = _pose(marker)
+            else:
+                self._made += 1
+                node = self._add_obstacle(f'/obstacles/{self._made}', marker)
+                self._obstacles[key] = _look(marker), node
+        self._grid.visible = not any(marker.text == 'plane' for marker in shown.values())
+
+    def _add_obstacle(self, name: str, marker: Marker) -> Any:
+        pose = dict(zip(('position', 'wxyz'), _pose(marker), strict=True))
+        if marker.text == 'plane':
+            return self._scene.add_grid(name, plane_opacity=1.0, **GRID, **pose)
+        color = marker.color
+        rgb = decoding.to_bytes((color.r, color.g, color.b))
+        look: dict[str, Any] = {'color': rgb if color.a > 0.0 else NO_COLOR, **pose}
+        if 0.0 < color.a < 1.0:
+            look['opacity'] = color.a
+        size = np.array([marker.scale.x, marker.scale.y, marker.scale.z])
+        if marker.type == Marker.CUBE:
+            return self._scene.add_box(name, dimensions=tuple(size), **look)
+        if marker.type == Marker.SPHERE:
+            return self._scene.add_icosphere(name, size[0] / 2.0, subdivisions=4, **look)
+        if marker.type == Marker.CYLINDER:
+            return self._scene.add_cylinder(
+                name, size[0] / 2.0, size[2], radial_segments=64, **look
+            )
+        corners = np.array([(p.x, p.y, p.z) for p in marker.points], float).reshape(-1, 3)
+        corners = corners[(np.abs(corners) <= FAR).all(axis=-1)]
+        faces = np.arange(len(corners) // 3 * 3).reshape(-1, 3)
+        return self._scene.add_mesh_simple(
+            name, size * corners, faces, flat_shading=True, side='double', **look
+        )
+
+
+def _has_form(marker: Marker) -> bool:
+    """Whether it is somewhere, and of some size."""
+    (place, turn), size, color = _pose(marker), marker.scale, marker.color
+    numbers = [*place, *turn, size.x, size.y, size.z, color.r, color.g, color.b, color.a]
+    is_near = (np.abs(numbers) <= FAR).all()  # what is not a number is not
+    return bool(is_near and any(turn) and min(size.x, size.y, size.z) > 0.0)
+
+
+def _pose(marker: Marker) -> tuple[Any, Any]:
+    """Return position and quaternion, w first."""
+    place, turn = marker.pose.position, marker.pose.orientation
+    return (place.x, place.y, place.z), (turn.w, turn.x, turn.y, turn.z)
+
+
+def _look(marker: Marker) -> Any:
+    """Return what distinguishes it from a marker that has only been moved."""
+    points = marker.points
+    ends = [(p.x, p.y, p.z) for p in (*points[:1], *points[-1:])]
+    return marker.type, marker.text, str(marker.scale), str(marker.color), len(points), ends
