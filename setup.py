@@ -24,8 +24,18 @@ setup(
         ('share/' + package_name, ['package.xml']),
         ('share/' + package_name + '/config', sorted(glob('config/*'))),
     ],
-    # trimesh reads meshes with texture coordinates by way of pillow
-    install_requires=['numpy>=1.26', 'scipy>=1.11', 'trimesh>=4.0', 'pillow', 'pyyaml', 'tqdm'],
+    install_requires=[
+        # 0.59 is the first one for Python 3.12; 0.68 needs numpy<2.6 and refuses newer ones when
+        # it is imported: raise both bounds together
+        'numba>=0.59',
+        'numpy>=1.26,<2.6',
+        'scipy>=1.11',
+        'trimesh>=4.0',
+        # reads the texture coordinates of meshes for trimesh
+        'pillow',
+        'pyyaml',
+        'tqdm',
+    ],
     extras_require={
         # files of the command `bake`: USD and glTF
         'bake': BAKE,

@@ -3,8 +3,8 @@
 """
 The command `sim_node`, also `python3 -m softbody_ros`.
 
-Listens to SIGINT and SIGTERM before anything else: the imports take half a second, and some
-libraries swallow the KeyboardInterrupt of a signal that comes meanwhile.
+SIGINT and SIGTERM are handled before anything else: the imports take a second, and some libraries
+swallow a KeyboardInterrupt meanwhile.
 """
 
 from __future__ import annotations
@@ -17,6 +17,12 @@ from softbody_ros.signals import stop_at_signal
 def main() -> int:
     """Run the node until SIGINT or SIGTERM; a second one ends it at once."""
     stop = stop_at_signal()
+    if {'-h', '--help'} & set(sys.argv[1:]):
+        # fast: without importing ROS or the simulator
+        from softbody_ros.ros.cli_help import help_text
+
+        print(help_text())
+        return 0
 
     from softbody_ros.ros.node import run
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The signals that end a command, listened to before its imports, which take a while."""
+"""Handlers of the signals that end a command, installed before its slow imports."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import threading
 
 
 def stop_at_signal() -> threading.Event:
-    """Return what SIGINT and SIGTERM set from now on; a second one ends the process at once."""
+    """Return an event that SIGINT and SIGTERM set; a second signal ends the process at once."""
     stop = threading.Event()
 
     def handle(number: int, _: object) -> None:

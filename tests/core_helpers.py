@@ -67,7 +67,7 @@ def rank_deficient_shapes():
     }
 
 
-def floating(*bodies, h=1 / 120, reference_step=1 / 120, gravity=0.0, dtype=np.float64):
+def floating(*bodies, h=1 / 120, reference_step=1 / 120, gravity=0.0):
     """Return a world of bodies without obstacles."""
     config = WorldConfig(
         time_step=h,
@@ -76,7 +76,7 @@ def floating(*bodies, h=1 / 120, reference_step=1 / 120, gravity=0.0, dtype=np.f
         bodies=bodies,
         obstacles=(),
     )
-    return World(config, dtype)
+    return World(config)
 
 
 def body(mesh='icosphere', **values):
@@ -90,17 +90,6 @@ def apart(bodies, distance=20.0):
         dataclasses.replace(each, position=np.add(each.position, (i * distance, 0.0, 0.0)))
         for i, each in enumerate(bodies)
     ]
-
-
-def put(world, name, positions=None, velocities=None):
-    """Overwrite positions or velocities (n, 3) of a body, by way of a snapshot."""
-    snapshot = world.snapshot()
-    batch, row = world._place[name]
-    if positions is not None:
-        snapshot.x[batch][row] = np.asarray(positions).T
-    if velocities is not None:
-        snapshot.v[batch][row] = np.asarray(velocities).T
-    world.restore(snapshot)
 
 
 def bytes_of(world):
@@ -156,7 +145,7 @@ def disturbed(world, name='body', seed=0, shape=0.1, speed=0.5):
     v = speed * rest.scale * random.normal(size=x.shape)
     v += np.cross(speed * random.normal(size=3), x) + random.normal(size=3)
     place = random.normal(size=3) + world.body_config(name).position
-    put(world, name, x + place, v)
+    world.set_state(name, x + place, v)
 
 
 def frequency_and_decay(amplitudes, h):
@@ -169,9 +158,8 @@ def frequency_and_decay(amplitudes, h):
 
 
 def assert_as_if_alone(bodies, ticks):
-    """Step bodies of one batch together, and each by itself: they must move alike."""
+    """Step bodies together, and each by itself: they must move alike."""
     together = World(WorldConfig(bodies=tuple(bodies)))
-    assert len(together._batches) == 1
     together.step(ticks)
     for config in bodies:
         alone = World(WorldConfig(bodies=(config,)))

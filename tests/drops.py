@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import itertools
 import math
 
+import kernels as matching
 import numpy as np
 
 from softbody_ros.core import BodyConfig, SimulationError, WorldConfig
-from softbody_ros.core.shape_matching import matching
 from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
 
@@ -100,11 +100,20 @@ class Observation:
     depth: np.ndarray
 
 
+def positions(world):
+    """Return the positions (B, 3, n) of bodies that share one shape."""
+    return np.stack([world.positions(name).T for name in world.names])
+
+
+def velocities(world):
+    """Return the velocities (B, 3, n) of bodies that share one shape."""
+    return np.stack([world.velocities(name).T for name in world.names])
+
+
 def observe(world):
     """Return the Observation of a world whose bodies share one shape."""
-    state = world.snapshot()
     rest = world.rest_shape(world.names[0])
-    (x,), (v,) = state.x, state.v
+    x, v = positions(world), velocities(world)
     centre, moment = matching.moments(x, rest, 3)
     goal = matching.goals(centre, rotation(moment), rest)
     drift = v @ rest.weights
@@ -144,9 +153,9 @@ def fall(world, seconds, every=1):
 
 def residual_speed(world):
     """Return (B,): how fast the fastest particle of each body gets on in one tick, m/s."""
-    (before,) = world.snapshot().x
+    before = positions(world)
     world.step()
-    (after,) = world.snapshot().x
+    after = positions(world)
     return np.linalg.norm(after - before, axis=1).max(axis=1) / world.config.time_step
 
 

@@ -122,12 +122,10 @@ def put_in_every_state(world, cases, pose, places, velocity, seed):
     """Deform the bodies in their own frames, turn them, put them somewhere and let them drift."""
     random = np.random.default_rng(seed)
     rest = world.rest_shape(world.names[0])
-    snapshot = world.snapshot()
-    for row, ((_, state), place) in enumerate(zip(cases, places, strict=True)):
+    for name, (_, state), place in zip(world.names, cases, places, strict=True):
         q = rest.surface.vertices - rest.centre
-        snapshot.x[0][row] = (STATES[state](q, random) @ pose.T + place).T
-        snapshot.v[0][row] = np.reshape(velocity, (3, -1))
-    world.restore(snapshot)
+        x = STATES[state](q, random) @ pose.T + place
+        world.set_state(name, x, np.broadcast_to(np.reshape(velocity, (-1, 3)), x.shape))
 
 
 def side_by_side(cases, place, size):

@@ -2,18 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact: distances to obstacles, restitution, both laws of friction, moving obstacles."""
 
-from core_helpers import body, centre, cloud, momentum, random_rotation, rms_displacement, sheet
+from core_helpers import body, centre, momentum, random_rotation, rms_displacement, sheet
+import kernels
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
 from softbody_ros.core.collision import obstacles
-from softbody_ros.core.contact import soft_obstacle
-from softbody_ros.core.particles import Particles
-from softbody_ros.core.shape_matching.gains import make_gains
-from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
-from softbody_ros.core.tick import Tick
 
 H = 1 / 240
 G = 9.81
@@ -21,6 +17,11 @@ MODES = ('rigid', 'linear', 'quadratic')
 
 
 # -------------------------------------------------------------------------------------- distances
+def distances(kind, points, size):
+    """Return signed distances (k,) and normals (k, 3) of points in the frame of a shape."""
+    return obstacles.placed(ObstacleConfig(type=kind, size=tuple(size))).distance(points)
+
+
 SIZES = {
     'sphere': (0.7, 1.0, 1.0),
     'capsule': (0.3, 1.0, 0.9),
@@ -80,7 +81,7 @@ def is_inside(kind, size, points):
 def test_the_distance_is_that_of_the_nearest_point_of_the_surface(kind):
     size = np.array(SIZES[kind])
     points = np.random.default_rng(1).uniform(-1.5, 1.5, (200, 3))
-    distance, normal = obstacles.SIGNED_DISTANCE[kind](points, size)
+    distance, normal = distances(kind, points, size)
     samples = on_the_surface(kind, size)
     nearest = np.array([np.linalg.norm(samples - point, axis=1).min() for point in points])
     assert np.abs(distance) == pytest.approx(nearest, abs=0.04)
@@ -88,7 +89,7 @@ def test_the_distance_is_that_of_the_nearest_point_of_the_surface(kind):
     assert np.array_equal(distance < 0, is_inside(kind, size, points))
     assert np.linalg.norm(normal, axis=1) == pytest.approx(1.0)
     feet = points - distance[:, None] * normal
-    assert obstacles.SIGNED_DISTANCE[kind](feet, size)[0] == pytest.approx(0.0, abs=1e-12)
+    assert distances(kind, feet, size)[0] == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize('kind', SIZES)
@@ -104,38 +105,25 @@ def test_special_points_have_a_way_out_too(kind):
             -size,
         ]
     )
-    distance, normal = obstacles.SIGNED_DISTANCE[kind](special, size)
+    distance, normal = distances(kind, special, size)
     assert np.linalg.norm(normal, axis=1) == pytest.approx(1.0)
     feet = special - distance[:, None] * normal
-    assert obstacles.SIGNED_DISTANCE[kind](feet, size)[0] == pytest.approx(0.0, abs=1e-12)
+    assert distances(kind, feet, size)[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_capsule_shorter_than_its_radius_is_a_sphere():
     points = np.random.default_rng(2).normal(size=(50, 3))
-    short = obstacles.SIGNED_DISTANCE['capsule'](points, np.array([0.5, 0.5, 0.2]))
-    ball = obstacles.SIGNED_DISTANCE['sphere'](points, np.array([0.5, 0.5, 0.5]))
+    short = distances('capsule', points, np.array([0.5, 0.5, 0.2]))
+    ball = distances('sphere', points, np.array([0.5, 0.5, 0.5]))
     assert short[0] == pytest.approx(ball[0])
     assert short[1] == pytest.approx(ball[1])
 
 
 # --------------------------------------------------------------------------------- one particle
-def cloud_of_one():
-    """Return a rest shape; the contact of a particle does not look at it."""
-    return make_rest_shape(cloud([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]))
-
-
 def collided(velocity, obstacle=None, position=(0.0, 0.0, -0.01), h=H, **values):
     """Return position and velocity of a particle after its contact with an obstacle."""
     obstacle = obstacles.placed(obstacle or ObstacleConfig())
-    gains = make_gains([BodyConfig(**values)], h, 1 / 120)
-    x = np.array(position, dtype=float).reshape(1, 3, 1)
-    v = np.array(velocity, dtype=float).reshape(1, 3, 1)
-    tick = Tick(cloud_of_one(), None, gains, np.array([0.0, 0.0, -G]), h)
-    contacts = soft_obstacle.find(x, obstacle, gains.thickness)
-    particles = Particles(np.concatenate([x, v], axis=1), x)
-    if len(contacts):
-        soft_obstacle.collide(particles, contacts, np.zeros(1), tick)
-    return particles.x[0, :, 0], particles.v[0, :, 0]
+    return kernels.collided(BodyConfig(**values), obstacle, position, velocity, h, 1 / 120)
 
 
 @pytest.mark.parametrize('elasticity', [0.0, 1.0])
@@ -202,7 +190,7 @@ def test_a_particle_is_brought_to_the_surface_of_a_turned_obstacle(kind):
         type=kind, size=SIZES[kind], position=(1.0, 2.0, 3.0), orientation=turn.as_quat()
     )
     local = np.array([0.02, 0.05, 0.25]) if kind != 'plane' else np.array([0.3, 0.4, -0.2])
-    distance, normal = obstacles.SIGNED_DISTANCE[kind](local[None], np.array(SIZES[kind]))
+    distance, normal = distances(kind, local[None], np.array(SIZES[kind]))
     assert distance[0] < 0
     velocity = turn.apply(-2.0 * normal[0])
     start = np.add(turn.apply(local), obstacle.position)
@@ -239,7 +227,7 @@ def test_nothing_is_ever_inside_an_obstacle_after_a_tick():
             for _ in range(240):
                 world.step()
                 local = (world.positions('body') - ground.position) @ world.obstacles[0].rotation
-                distance = obstacles.SIGNED_DISTANCE[kind](local, np.array(ground.size))[0]
+                distance = distances(kind, local, np.array(ground.size))[0]
                 assert distance.min() >= 0.02 - 1e-12
                 # a round obstacle touches faces before it touches vertices
                 touched |= distance.min() < (

@@ -1,54 +1,56 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The same scene in two processes gives the same bits, with any number of BLAS threads."""
+"""
+The same scene in two processes gives the same bits.
 
-import os
-import pathlib
-import subprocess
-import sys
-
-import pytest
-
-SCENE = """
-import hashlib
-from softbody_ros.core import BodyConfig, World, WorldConfig
-bodies = [
-    BodyConfig(name='small', subdivisions=2, position=(3.0, 0.0, 0.6), plasticity_creep=20.0),
-    BodyConfig(name='regions', subdivisions={level}, mode='linear', regions_count=12,
-               position=(6.0, 0.0, 0.6)),
-    BodyConfig(name='large', subdivisions={level}, position=(0.0, 0.0, 0.6)),
-    BodyConfig(name='rigid', subdivisions={level}, mode='rigid', position=(9.0, 0.0, 0.6),
-               initial_velocity_angular=(1.0, 2.0, 3.0)),
-]
-world = World(WorldConfig(bodies=tuple(bodies)))
-for _ in range({ticks}):
-    world.step()
-    total = hashlib.sha256()
-    for name in world.names:
-        total.update(world.positions(name).tobytes() + world.velocities(name).tobytes())
-    print(total.hexdigest())
+With any number of threads, compiled there or before, for this processor or for any.
 """
 
+import json
 
-def hashes(threads, level, ticks):
-    """Return one hash per tick, computed in a process of its own."""
-    environment = os.environ | {
-        name: str(threads)
-        for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-    }
-    root = str(pathlib.Path(__file__).parent.parent)
-    environment['PYTHONPATH'] = os.pathsep.join([root, environment.get('PYTHONPATH', '')])
-    run = subprocess.run(
-        [sys.executable, '-c', SCENE.format(level=level, ticks=ticks)],
-        env=environment, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return run.stdout.split()
+from kernel_worlds import EVERYTHING, HASHES, LARGE, TICKS, hashes
+import numpy as np
+import pytest
+from python_processes import printed
+
+from softbody_ros.core import compiled
+
+THREADS = ('NUMBA_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
-@pytest.mark.parametrize(('level', 'ticks'), [(3, 120), (5, 60)])
-def test_two_processes_with_one_and_two_threads_agree_in_every_tick(level, ticks):
-    """10 242 vertices are more than BLAS sums in one thread when it has two."""
-    one, again, two = (hashes(threads, level, ticks) for threads in (1, 1, 2))
-    assert len(one) == ticks
+@pytest.mark.parametrize('scene', [EVERYTHING, LARGE], ids=['everything', 'large'])
+def test_processes_with_one_and_two_threads_agree_in_every_tick(scene):
+    """10 242 vertices are more than is summed in one thread when there are two."""
+    one, again, two = (
+        hashes(printed(scene + HASHES, **dict.fromkeys(THREADS, threads)).splitlines())
+        for threads in (1, 1, 2)
+    )
+    assert len(set(one)) == TICKS
     assert one == again
     assert one == two
+
+
+@pytest.mark.slow
+def test_compiled_anew_or_before_for_this_processor_or_any_the_bits_are_the_same(compiled_anew):
+    usual = hashes(printed(EVERYTHING + HASHES).splitlines())
+    assert len(usual) == TICKS
+    assert hashes(compiled_anew.one) == usual
+    assert hashes(compiled_anew.at_the_same_time) == usual
+    assert hashes(compiled_anew.for_any_processor) == usual
+    cache = {'NUMBA_CACHE_DIR': compiled_anew.cache}  # that both have written
+    assert hashes(printed(EVERYTHING + HASHES, **cache).splitlines()) == usual
+
+
+@pytest.mark.skipif(not compiled.is_compiled(), reason='kernels are plain Python')
+def test_plain_python_computes_the_same():
+    """Not to the last bit: powers and functions of the C library may differ by it."""
+    code = """
+import json
+from softbody_ros.core import warm_up
+world = warm_up.everything(subdivisions=0)
+world.step(3)
+print(json.dumps([world.positions(name).tolist() for name in world.names]))
+"""
+    machine, plain = (json.loads(printed(code, NUMBA_DISABLE_JIT=jit)) for jit in (None, '1'))
+    for one, other in zip(machine, plain, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-10)

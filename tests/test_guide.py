@@ -4,6 +4,8 @@
 
 import re
 import signal
+import subprocess
+import sys
 
 import pytest
 from sensor_msgs.msg import PointCloud2
@@ -81,6 +83,19 @@ def test_help_of_the_command_names_scenes_that_exist(graph):
     for name in ('default.yaml', 'contact.yaml'):
         assert name in output
         assert (cli_help.config_folder() / name).is_file()
+
+
+def test_help_is_said_at_once():
+    """It loads neither ROS nor the simulator, which take a second."""
+    for module in ('softbody_ros', 'softbody_ros.bake', 'softbody_ros.viewer'):
+        run = subprocess.run(
+            [sys.executable, '-X', 'importtime', '-m', module, '--help'],
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert run.stdout.startswith('usage: ')
+        loaded = {line.split('|')[-1].strip() for line in run.stderr.splitlines()}
+        assert 'softbody_ros.signals' in loaded or 'argparse' in loaded
+        assert not loaded & {'numpy', 'scipy', 'numba', 'rclpy', 'trimesh'}, module
 
 
 def test_arguments_that_would_be_ignored_are_refused(graph):

@@ -8,7 +8,14 @@ from core_helpers import bytes_of
 import numpy as np
 import pytest
 
-from softbody_ros.core import BodyConfig, ObstacleConfig, Placement, Removal, World, WorldConfig
+from softbody_ros.core import (
+    BodyConfig,
+    ObstacleConfig,
+    ObstacleRemoval,
+    ObstacleUpdate,
+    World,
+    WorldConfig,
+)
 from softbody_ros.timeline.history import INTERVAL, LEAST_ACTION_BYTES, MOST_ACTIONS, History
 from softbody_ros.timeline.stepper import MEBIBYTE, SLICE, Stepper
 
@@ -320,18 +327,18 @@ def test_too_many_actions_forget_the_oldest():
     world = World(WorldConfig(bodies=(ball(),)))
     history = History(world, MEBIBYTE)
     for tick in range(MOST_ACTIONS + 10):
-        history.note(tick, lambda world: None)
-    assert len(history.go_back(world, MOST_ACTIONS + 10)) == MOST_ACTIONS
+        history.log(tick, lambda world: None)
+    assert len(history.rewind(world, MOST_ACTIONS + 10)) == MOST_ACTIONS
 
 
 def test_large_actions_are_forgotten_before_the_memory_is_full():
     world = World(WorldConfig(bodies=(ball(),)))
     history = History(world, 40 * MEBIBYTE)
     for tick in range(1000):
-        history.note(tick, lambda world: None, 2**20)
-    assert len(history.go_back(world, 1000)) == 20
+        history.log(tick, lambda world: None, 2**20)
+    assert len(history.rewind(world, 1000)) == 20
     assert history.nbytes < 21 * MEBIBYTE
-    history.go_back(world, 990)
+    history.rewind(world, 990)
     assert history.nbytes < 11 * MEBIBYTE
     history.begin(world)
     assert history.nbytes < MEBIBYTE
@@ -341,10 +348,10 @@ def test_small_actions_are_remembered_without_memory():
     world = World(WorldConfig(bodies=(ball(),)))
     history = History(world, 0.0)
     for tick in range(1000):
-        history.note(tick, lambda world: None, 1000)
-    assert len(history.go_back(world, 1000)) == 1000
+        history.log(tick, lambda world: None, 1000)
+    assert len(history.rewind(world, 1000)) == 1000
     for tick in range(1000, 1100):
-        history.note(tick, lambda world: None, 2**20)
+        history.log(tick, lambda world: None, 2**20)
     assert history.nbytes - world.snapshot().nbytes <= LEAST_ACTION_BYTES
 
 
@@ -376,7 +383,7 @@ def test_what_waits_for_the_end_of_a_way_back_is_bounded():
 def put(key, seconds, x):
     """Return an action that puts a box beside the ball."""
     box = ObstacleConfig(name='marker', type='box', position=(x, 0.0, 0.5), size=(0.2, 0.2, 0.2))
-    placement = Placement((key, 0), box, round(seconds * SECOND))
+    placement = ObstacleUpdate((key, 0), box, round(seconds * SECOND))
     return lambda world: world.change_obstacles([placement])
 
 
@@ -403,7 +410,7 @@ def test_obstacles_are_where_they_were_then():
         50: put('one', 0.0, 2.0),
         100: put('two', 0.0, 3.0),
         150: put('one', 0.0, 4.0),
-        200: lambda world: world.change_obstacles([Removal('two', 0)]),
+        200: lambda world: world.change_obstacles([ObstacleRemoval('two', 0)]),
     }.items():
         go_to(stepper, tick / 240)
         log[tick] = [list(item.position) for item in stepper.world.obstacles[1:]]
@@ -427,8 +434,11 @@ def test_a_reset_on_the_way_back_keeps_what_is_in_the_way():
     now = START + SECOND // 2
     stepper.rewind(now)
     list(stepper.advance(now, drop_overload=False))
-    assert stepper.replaying and not stepper.world.outside.guests
+    assert stepper.replaying and not stepper.world.external_inputs.dynamic_obstacles
     stepper.act(put('meanwhile', 0.0, 2.0))
     stepper.reset(now)
-    assert list(stepper.world.outside.guests) == [('before', 0), ('meanwhile', 0)]
+    assert list(stepper.world.external_inputs.dynamic_obstacles) == [
+        ('before', 0),
+        ('meanwhile', 0),
+    ]
     assert stepper.world.tick == 0

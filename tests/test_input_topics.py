@@ -155,7 +155,7 @@ def test_every_kind_of_marker_and_a_lifetime(graph):
     step(graph, 23)
     assert len(sim._world.obstacles) == 4
     step(graph, 1)
-    assert list(sim._world.outside.guests) == [('test', 0), ('test', 2)]
+    assert list(sim._world.external_inputs.dynamic_obstacles) == [('test', 0), ('test', 2)]
     clear = Marker(action=Marker.DELETEALL)
     log = warnings(graph)
     send(graph, 'obstacles', array_of(marker((5.0, 0.0, 0.0), id=3), clear))
@@ -247,14 +247,14 @@ def test_a_wrench_on_a_body_and_one_on_all(graph):
     paused(graph)
     send(graph, 'wrench', wrench_of('one', (4.0, 0.0, 0.0)))
     send(graph, 'wrench', wrench_of('world', (0.0, 3.0, 0.0)))
-    graph.spin_until(lambda: len(sim._world.outside.wrenches) == 2)
+    graph.spin_until(lambda: len(sim._world.external_inputs.wrenches) == 2)
     step(graph, 100)  # they act for 24 ticks
     np.testing.assert_allclose(momentum(sim, 'one'), [0.0, 0.2 + 0.15, 0.0], atol=1e-12)
     np.testing.assert_allclose(momentum(sim, 'two'), [0.0, 0.3, 0.0], atol=1e-12)
     send(graph, 'wrench', wrench_of('one', (4.0, 0.0, 0.0)))
-    graph.spin_until(lambda: sim._world.outside.wrenches)
+    graph.spin_until(lambda: sim._world.external_inputs.wrenches)
     send(graph, 'wrench', wrench_of('one'))  # zero ends it
-    graph.spin_until(lambda: not sim._world.outside.wrenches)
+    graph.spin_until(lambda: not sim._world.external_inputs.wrenches)
 
 
 def test_a_poke_moves_the_ball_and_one_into_the_air_is_said(graph):
@@ -330,8 +330,8 @@ def test_another_frame_is_refused_with_a_warning(graph):
     ):
         send(graph, topic, message)
         graph.spin_until(lambda: said(log, f'~/{topic}: ', "'map'", "'world'"), topic)  # noqa: B023
-    assert sim._world.outside.obstacles == ()
-    assert not sim._world.outside.wrenches and sim._world.outside.gravity is None
+    assert sim._world.external_inputs.obstacles == ()
+    assert not sim._world.external_inputs.wrenches and sim._world.external_inputs.gravity is None
     assert len(sim._world.point_obstacles) == 0
 
 
@@ -342,7 +342,7 @@ def test_warnings_are_few(graph):
     for _ in range(50):
         sender.publish(wrench_of('nobody', (1.0, 0.0, 0.0)))
     send(graph, 'wrench', wrench_of('ball', (0.0, 0.0, 1.0)))
-    graph.spin_until(lambda: said(log, "'nobody'") and sim._world.outside.wrenches)
+    graph.spin_until(lambda: said(log, "'nobody'") and sim._world.external_inputs.wrenches)
     assert len(said(log, "'nobody'")) == 1
 
 
@@ -479,7 +479,7 @@ def test_everything_acts_again_when_the_clock_goes_back(graph):
 
     def state():
         world = sim._world
-        outside = world.outside
+        outside = world.external_inputs
         return (
             world.positions('ball').tobytes(),
             world.velocities('ball').tobytes(),
@@ -495,11 +495,11 @@ def test_everything_acts_again_when_the_clock_goes_back(graph):
         log[tick] = state()
         if tick in what:
             topic, message = what[tick]
-            noted = len(sim._stepper.history._notes)
+            noted = len(sim._stepper.history._actions)
             if topic == 'poke':
                 message = poke_of(sim._world.positions('ball')[5])
             senders[topic].publish(message)
-            graph.spin_until(lambda: len(sim._stepper.history._notes) > noted, topic)  # noqa: B023
+            graph.spin_until(lambda: len(sim._stepper.history._actions) > noted, topic)  # noqa: B023
     assert len({str(value) for value in log.values()}) == len(log)
     for tick in (230, 170, 160, 140, 90, 50, 20):
         ticker.go(tick)
@@ -511,8 +511,10 @@ def test_reset_keeps_obstacles_and_ends_forces(graph):
     send(graph, 'obstacles', array_of(marker((5.0, 0.0, 0.0))))
     send(graph, 'gravity', gravity_of((0.0, 0.0, 0.0)))
     send(graph, 'wrench', wrench_of('ball', (1.0, 0.0, 0.0)))
-    graph.spin_until(lambda: sim._world.outside.wrenches and len(sim._world.obstacles) == 2)
+    graph.spin_until(
+        lambda: sim._world.external_inputs.wrenches and len(sim._world.obstacles) == 2
+    )
     paused(graph)
     assert graph.call(Trigger, f'{SIM}/reset').success
-    assert not sim._world.outside.wrenches and sim._world.outside.gravity is None
+    assert not sim._world.external_inputs.wrenches and sim._world.external_inputs.gravity is None
     assert len(sim._world.obstacles) == 2

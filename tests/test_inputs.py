@@ -20,7 +20,7 @@ import yaml
 
 from softbody_ros.core import World, WorldConfig
 from softbody_ros.core.collision.point_obstacles import MOST_POINTS, PointObstacles
-from softbody_ros.core.external_inputs import Placement, Removal
+from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.ros import message_parsing, messages
 from softbody_ros.ros.message_parsing import MOST_MARKERS, SHAPES, InputError
 
@@ -70,7 +70,7 @@ def changes_of(*markers, **values):
 def test_scales_are_full_lengths(kind, scale, size):
     (change,), problems = changes_of(marker(kind, scale=scale), pace=0.5)
     assert not problems
-    assert isinstance(change, Placement)
+    assert isinstance(change, ObstacleUpdate)
     assert change.config.type == SHAPES[kind]
     assert change.config.size == pytest.approx(size)
     assert change.config.position == (1.0, 2.0, 3.0)
@@ -98,7 +98,7 @@ def test_removals():
     clear_arm = Marker(action=Marker.DELETEALL, ns='arm')
     changes, problems = changes_of(delete, clear, clear_arm)
     assert not problems
-    assert changes == [Removal('arm', 3), Removal(), Removal('arm')]
+    assert changes == [ObstacleRemoval('arm', 3), ObstacleRemoval(), ObstacleRemoval('arm')]
 
 
 BAD_MARKERS = [
@@ -470,7 +470,7 @@ def test_what_the_readme_sends_is_understood():
     (box,), problems = message_parsing.obstacle_changes(read[0], 'world', H)
     assert (box.config.type, box.config.size, problems) == ('box', (0.2, 0.2, 0.2), [])
     (removal,), problems = message_parsing.obstacle_changes(read[1], 'world', H)
-    assert removal.takes(box.key) and not problems
+    assert removal.removes(box.key) and not problems
     assert message_parsing.wrench(read[2], 'world', ('ball',)).name == 'ball'
     point = message_parsing.poked_point(read[3], 'world')
     assert message_parsing.gravity(read[4], 'world') == (3.0, 0.0, -9.0)

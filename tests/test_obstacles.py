@@ -5,6 +5,7 @@
 import dataclasses
 
 from core_helpers import body, bytes_of, centre, momentum, random_rotation, sheet, thin_bin
+from kernels import goal_depth
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -23,10 +24,6 @@ from softbody_ros.core import (
 from softbody_ros.core.collision import obstacles
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import NO_POINTS
-from softbody_ros.core.contact import soft_obstacle
-from softbody_ros.core.particles import Particles
-from softbody_ros.core.shape_matching.gains import make_gains
-from softbody_ros.core.tick import Tick
 
 MODES = ('rigid', 'linear', 'quadratic')
 THIN = 0.01
@@ -62,31 +59,16 @@ def in_frame(world, index=0):
 
 
 # ----------------------------------------------------------------------------------------- shapes
-def test_a_cylinder_is_as_far_away_as_its_fine_mesh():
-    size = np.array([0.5, 1.0, 0.8])
-    mesh = trimesh.creation.cylinder(radius=size[0], height=2 * size[2], sections=180)
-    config = ObstacleConfig(type='mesh', mesh=Surface(mesh.vertices, mesh.faces))
-    points = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 3))
-    distance, normal = obstacles.cylinder_distance(points, size)
-    of_mesh, mesh_normal = obstacles.made(config).distance(points)
-    close = np.abs(of_mesh) < obstacles.made(config).faces.exact_to
-    assert close.sum() > 50
-    assert distance[close] == pytest.approx(of_mesh[close], abs=2e-4)
-    # inside, near the diagonals, it may be either of two
-    same = np.einsum('ij,ij->i', normal, mesh_normal)[close & (of_mesh > 0.0)]
-    assert same == pytest.approx(1.0, abs=1e-3)
-
-
 def test_the_size_of_a_mesh_is_half_of_its_longest_side_and_may_change_while_it_runs():
     config = ObstacleConfig(name='wall', type='mesh', mesh='box', size=(0.7, 1.0, 1.0))
     world = world_of((body(),), config)
     point = np.array([(1.0, 0.0, 0.0)])
     assert world.obstacles[0].distance(point)[0] == pytest.approx(0.3)
-    faces = world.obstacles[0].faces
+    tree = world.obstacles[0].tree
     larger = dataclasses.replace(config, size=(0.9, 1.0, 1.0))
     world.configure(dataclasses.replace(world.config, obstacles=(larger,)))
     assert world.obstacles[0].distance(point)[0] == pytest.approx(0.1)
-    assert world.obstacles[0].faces is faces
+    assert world.obstacles[0].tree is tree
     assert world.obstacles[0].half_extents == pytest.approx([0.9, 0.9, 0.9])
 
 
@@ -98,10 +80,10 @@ def test_a_surface_is_taken_as_it_is():
     assert obstacle.half_extents == pytest.approx([1.2, 0.3, 0.4])
 
 
-def test_the_faces_are_found_once():
+def test_the_tree_is_made_once():
     config = ObstacleConfig(name='wall', type='mesh', mesh='torus', position=(0.0, 0.0, -3.0))
     world = world_of((body(),), config)
-    faces = world.obstacles[0].faces
+    tree = world.obstacles[0].tree
     snapshot = world.snapshot()
     world.step(3)
     world.reset()
@@ -109,8 +91,8 @@ def test_the_faces_are_found_once():
     elsewhere = dataclasses.replace(config, position=(0.0, 0.0, -2.0))
     world.configure(dataclasses.replace(world.config, obstacles=(elsewhere,)))
     world.step(3)
-    assert world.obstacles[0].faces is faces
-    assert world_of((body(),), elsewhere).obstacles[0].faces is faces
+    assert world.obstacles[0].tree is tree
+    assert world_of((body(),), elsewhere).obstacles[0].tree is tree
 
 
 @pytest.mark.parametrize(
@@ -131,7 +113,7 @@ def test_refusals_name_the_obstacle(values, error, sentence):
 @pytest.mark.parametrize('mode', MODES)
 def test_a_box_of_triangles_is_a_box(mode, monkeypatch):
     # the points along their edges differ
-    monkeypatch.setattr(Obstacle, 'spikes', NO_POINTS)
+    monkeypatch.setattr(Obstacle, 'edge_points', NO_POINTS)
     turn = Rotation.from_matrix(random_rotation(1)).as_quat()
     place = {'position': (0.0, 0.0, -1.0), 'orientation': turn}
     as_box = ObstacleConfig(name='wall', type='box', size=(0.8, 0.8, 0.8), **place)
@@ -188,55 +170,7 @@ def test_a_ball_lies_on_several_obstacles_at_once_and_in_none():
         assert touched.sum() >= 2
 
 
-def particles_of(x, start):
-    return Particles(np.concatenate([x, np.zeros_like(x)], axis=1), start)
-
-
-def test_what_touches_is_nearby_and_what_is_far_away_is_not():
-    random = np.random.default_rng(0)
-    touching = 0
-    for seed in range(60):
-        start = random.normal(size=(4, 3, 30)) * 0.3 + random.uniform(-2, 2, (4, 3, 1))
-        x = start + random.uniform(-2, 2, (4, 3, 1)) * random.choice([0.01, 1.0])
-        config = ObstacleConfig(
-            type=['box', 'sphere', 'capsule', 'cylinder', 'mesh', 'plane'][seed % 6],
-            mesh='torus',
-            subdivisions=1,
-            size=(0.6, 0.9, 0.7),
-            position=random.uniform(-1, 1, 3),
-            velocity_linear=random.normal(size=3) * 50,
-            velocity_angular=random.normal(size=3) * random.choice([0.0, 20.0]),
-        )
-        obstacle = obstacles.moved(obstacles.made(config), 1 / 60)
-        thickness = np.full(4, 0.05)
-        every = soft_obstacle.find(x, obstacle, thickness, start)
-        near = soft_obstacle.nearby(particles_of(x, start), [obstacle], thickness)[0]
-        assert set(every.body) <= set(near)
-        some = soft_obstacle.find(x, obstacle, thickness, start, near)
-        for one, other in zip(vars(every).values(), vars(some).values(), strict=True):
-            assert one == pytest.approx(other, abs=1e-12)
-        touching += len(np.unique(every.body))
-    assert touching > 60
-    ball = obstacles.made(ObstacleConfig(type='sphere', position=(30.0, 0.0, 0.0)))
-    near = soft_obstacle.nearby(particles_of(x, x), [ball, obstacle], thickness)
-    assert [len(bodies) for bodies in near] == [0, 4]
-
-
 # --------------------------------------------------------------------------------------- the swept
-@pytest.mark.parametrize('kind', ['box', 'sphere', 'capsule', 'cylinder'])
-def test_slow_contacts_are_those_of_the_closest_point_bit_by_bit(kind):
-    random = np.random.default_rng(3)
-    obstacle = obstacles.made(ObstacleConfig(type=kind, size=(0.5, 0.6, 0.7)))
-    x = random.uniform(-1, 1, (2, 3, 200))
-    start = x + random.uniform(-0.1, 0.1, x.shape)
-    thickness = np.array([0.0, 0.05])
-    without = soft_obstacle.find(x, obstacle, thickness)
-    swept = soft_obstacle.find(x, obstacle, thickness, start)
-    assert len(without) > 20
-    for one, other in zip(vars(without).values(), vars(swept).values(), strict=True):
-        assert np.array_equal(one, other)
-
-
 @pytest.mark.parametrize('h', [1 / 240, 1 / 60])
 @pytest.mark.parametrize('mode', MODES)
 @pytest.mark.parametrize('kind', ['box', 'cylinder', 'mesh'])
@@ -305,38 +239,12 @@ def test_a_ball_thrown_at_the_corner_of_a_thin_bin_stays_in_it(sections, mode, h
         assert x[:, 2].min() > 0.01
 
 
-def test_a_particle_stays_on_its_side_whether_it_touches_or_passes():
-    obstacle = obstacles.made(plate('box', 1.0))
-    thickness = np.array([0.0])
-    for begin, end, side in (
-        (0.5, -0.4, 1.0),
-        (THIN, -0.4, 1.0),
-        (THIN, -0.006, 1.0),
-        (-THIN, 0.006, -1.0),
-        (-0.5, 0.0, -1.0),
-        (0.004, -0.5, 1.0),
-    ):
-        start = np.array([0.1, 0.2, begin]).reshape(1, 3, 1)
-        x = np.array([0.3, 0.1, end]).reshape(1, 3, 1)
-        contacts = soft_obstacle.find(x, obstacle, thickness, start)
-        assert contacts.normal == pytest.approx(np.array([(0.0, 0.0, side)]))
-        assert contacts.depth == pytest.approx(THIN - side * end)
-    # beside it, and away from it
-    for begin, end in (((1.5, 0.0, 0.5), (1.5, 0.0, -0.5)), ((0.0, 0.0, THIN), (0.1, 0.0, 0.8))):
-        start, x = (np.array(place).reshape(1, 3, 1) for place in (begin, end))
-        assert not len(soft_obstacle.find(x, obstacle, thickness, start))
-
-
 def test_goals_behind_a_thin_plate_are_as_deep_as_if_it_were_thick():
     obstacle = obstacles.made(plate('box', 1.0))
-    tick = Tick(None, None, make_gains([BodyConfig()], 1 / 240, 1 / 120), np.zeros(3), 1 / 240)
     for begin, end in ((0.5, -0.4), (0.012, 0.008)):
-        start, x = (np.array([0.1, 0.2, z]).reshape(1, 3, 1) for z in (begin, end))
-        contacts = soft_obstacle.find(x, obstacle, np.zeros(1), start)
-        assert len(contacts) == 1
+        start, x = ((0.1, 0.2, z) for z in (begin, end))
         for goal, depth in ((-0.3, 0.31), (-0.008, 0.018), (0.008, 0.002), (0.2, 0.0)):
-            goals = np.array([[0.1, 0.2, goal]])
-            found = soft_obstacle.depth_of_goals(contacts, obstacle, goals, tick)
+            _, found = goal_depth(obstacle, x, (0.1, 0.2, goal), start)
             assert found == pytest.approx(depth)
 
 
@@ -345,19 +253,9 @@ def test_a_goal_at_a_face_at_right_angles_is_as_deep_as_it_is_there_however_a_bo
     turn = random_rotation(seed)
     pose = Rotation.from_matrix(turn).as_quat()
     cube = obstacles.made(ObstacleConfig(type='box', size=(1.0, 1.0, 1.0), orientation=pose))
-    tick = Tick(None, None, make_gains([BodyConfig()], 1 / 240, 1 / 120), np.zeros(3), 1 / 240)
-    x = (turn @ (0.1, 0.2, 0.9)).reshape(1, 3, 1)
-    goals = (turn @ (0.95, 0.2, 0.5))[None]
-    contacts = soft_obstacle.find(x, cube, np.zeros(1))
-    assert contacts.normal[0] == pytest.approx(turn[:, 2])
-    assert soft_obstacle.depth_of_goals(contacts, cube, goals, tick) == pytest.approx(0.05)
-
-
-def test_an_obstacle_that_stops_has_no_motion_left():
-    moving = obstacles.moved(obstacles.made(plate('box', velocity_linear=(1, 0, 0))), 0.1)
-    assert moving.before is not None
-    stopped = dataclasses.replace(moving, config=plate('box'))
-    assert obstacles.moved(stopped, 0.1).before is None
+    contact, depth = goal_depth(cube, turn @ (0.1, 0.2, 0.9), turn @ (0.95, 0.2, 0.5))
+    assert contact['normal'] == pytest.approx(turn[:, 2])
+    assert depth == pytest.approx(0.05)
 
 
 def test_a_world_with_a_fast_plate_goes_on_bit_by_bit_after_a_restore():

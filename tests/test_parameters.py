@@ -7,6 +7,7 @@ import sys
 import pytest
 from scene_files import ROOT, scene_values
 
+from softbody_ros import installed_files
 from softbody_ros.core import ConfigError
 from softbody_ros.core.config import checked
 from softbody_ros.scene import parameters
@@ -100,9 +101,8 @@ def test_own_files_are_found_in_a_checkout_and_where_pip_puts_them(tmp_path, mon
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     assert parameters.mesh_path(uri) == str(ROOT / 'config' / 'duck.obj')
 
-    monkeypatch.setattr(
-        parameters, '__file__', str(tmp_path / 'lib/softbody_ros/scene/parameters.py')
-    )
+    installed = tmp_path / 'lib/softbody_ros/installed_files.py'
+    monkeypatch.setattr(installed_files, '__file__', str(installed))
     monkeypatch.setattr(sys, 'prefix', str(tmp_path))
     with pytest.raises(ConfigError, match="package 'softbody_ros' is not installed"):
         parameters.mesh_path(uri)

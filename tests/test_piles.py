@@ -25,7 +25,7 @@ def mean_force(world, name, ticks=36, wake=True):
     forces = []
     if wake:
         for each in world.names:
-            world._wake(each)
+            world.set_state(each)
         world.step(12)
         assert not world.is_asleep(name)
     for _ in range(ticks):

@@ -82,8 +82,7 @@ def test_a_tick_is_predict_match_correct():
                         initial_velocity_angular=(1.0, 2.0, 3.0))  # fmt: skip
     world = World(WorldConfig(bodies=(config,), obstacles=()))
     stretch = np.array([[1.05, 0.02, 0.0], [0.0, 0.97, 0.01], [0.005, 0.0, 1.02]])
-    state = world._batches[0].x
-    state[:] = stretch @ state
+    world.set_state('ball', world.positions('ball') @ stretch.T)
     x, v, h, a = world.positions('ball'), world.velocities('ball'), 1 / 240, world.gravity
     rest = world.rest_shape('ball')
     w, q = rest.weights, rest.surface.vertices - rest.weights @ rest.surface.vertices

@@ -236,8 +236,7 @@ def test_apply_initial_velocity_keeps_the_shape(graph):
 def test_failure_stops_with_the_last_good_state_until_reset(graph):
     sim = graph.sim_node(**SMALL)
     graph.spin_until(lambda: sim._world.tick > 5)
-    batch = sim._world._batches[0]
-    batch.v[:] = 1e300
+    sim._world.set_state('ball', velocities=np.full((42, 3), 1e300))
     reports = graph.collect(DiagnosticArray, '/diagnostics')
     graph.spin_until(lambda: any(r.status[0].level == DiagnosticStatus.ERROR for r in reports))
     assert np.isfinite(sim._world.positions('ball')).all()

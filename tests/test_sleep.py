@@ -8,8 +8,15 @@ from core_helpers import body, bytes_of, centre, floating
 import numpy as np
 import pytest
 
-from softbody_ros.core import ObstacleConfig, World, WorldConfig
-from softbody_ros.core.shape_matching import dynamics
+from softbody_ros.core import (
+    ObstacleConfig,
+    ObstacleRemoval,
+    ObstacleUpdate,
+    PointObstacles,
+    World,
+    WorldConfig,
+)
+from softbody_ros.core.shape_matching import flight
 
 MODES = ('rigid', 'linear', 'quadratic')
 
@@ -37,11 +44,10 @@ def test_a_body_left_alone_falls_asleep_and_does_not_move_any_more(mode):
 def test_sleepers_are_not_computed(monkeypatch):
     world = lying()
     computed = []
-    original = dynamics.fly
-    monkeypatch.setattr(dynamics, 'fly', lambda batch, *rest: computed.append(len(batch.x)))
+    original, name = flight.predict_and_match, 'predict_and_match'
+    monkeypatch.setattr(flight, name, lambda *of: computed.append(len(of[1])) or original(*of))
     world.step(10)
-    assert not computed
-    monkeypatch.setattr(dynamics, 'fly', original)
+    assert not any(computed)
 
 
 def test_a_body_that_is_awake_beside_a_sleeper_moves_as_if_alone():
@@ -166,3 +172,279 @@ def test_sleep_is_part_of_a_snapshot():
     fresh.restore(halfway)
     fresh.step(200)
     assert bytes_of(fresh) == expected
+
+
+# ------------------------------------------------------------------------------- waking is local
+GROUND = ObstacleConfig(name='ground')
+BESIDE = {'a': (-0.705, 0.0, 0.3), 'b': (2.295, 0.0, 0.3), 'c': (5.295, 0.0, 0.3)}
+"""Where a post of half extent 0.2 is 5 mm away from each of three boxes, and touches none."""
+FAR = (-20.0, 0.0, 0.3)
+POST = ObstacleConfig(name='post', type='box', size=(0.2,) * 3, position=BESIDE['a'])
+
+
+def box(name, x, **values):
+    position = (x, 0.0, 0.5)
+    return body('box', **{'name': name, 'subdivisions': 0, 'position': position} | values)
+
+
+def awake(world):
+    return ''.join(name for name in world.names if not world.is_asleep(name))
+
+
+def asleep(*bodies, obstacles=(GROUND, POST), prepare=None):
+    """Return a function that returns a world of bodies that have fallen asleep."""
+    config = WorldConfig(bodies=bodies, obstacles=obstacles)
+    world = World(config)
+    if prepare:
+        prepare(world)
+    for _ in range(60):
+        world.step(48)
+        if not awake(world):
+            break
+    assert not awake(world)
+    snapshot = world.snapshot()
+
+    def made():
+        other = World(config)
+        other.restore(snapshot)
+        return other
+
+    return made
+
+
+@pytest.fixture(scope='module')
+def three():
+    """Return a maker of worlds of three boxes asleep in a row, a post beside the first."""
+    return asleep(
+        box('a', 0.0, mode='rigid'), box('b', 3.0), box('c', 6.0, mode='linear', pins_indices=(0,))
+    )
+
+
+def guest(position, size=0.2):
+    config = ObstacleConfig(name='guest', type='sphere', size=(size,) * 3, position=position)
+    return ObstacleUpdate(('arm', 0), config)
+
+
+def configured(world, name, **values):
+    """Give a body or an obstacle other parameters."""
+
+    def changed(parts):
+        return tuple(
+            dataclasses.replace(each, **values) if each.name == name else each for each in parts
+        )
+
+    config = world.config
+    world.configure(
+        dataclasses.replace(
+            config, bodies=changed(config.bodies), obstacles=changed(config.obstacles)
+        )
+    )
+
+
+def points_at(*places):
+    return PointObstacles(np.array([BESIDE[place] for place in places] + [FAR]), 0.21)
+
+
+LOCAL = {
+    'an obstacle moves from one to another': (
+        lambda world: world.move_obstacle('post', BESIDE['c']), 'ac',
+    ),
+    'an obstacle moves away': (lambda world: world.move_obstacle('post', FAR), 'a'),
+    'an obstacle turns': (
+        lambda world: world.move_obstacle('post', BESIDE['a'], (0.0, 0.1, 0.0, 1.0)), 'a',
+    ),
+    'an obstacle is put where it is': (
+        lambda world: world.move_obstacle('post', BESIDE['a']), '',
+    ),
+    'an obstacle begins to move': (
+        lambda world: world.move_obstacle('post', BESIDE['a'], linear=(0.0, 1.0, 0.0)), 'a',
+    ),
+    'an obstacle is configured': (
+        lambda world: configured(world, 'post', position=BESIDE['b']), 'ab',
+    ),
+    'an obstacle grows': (lambda world: configured(world, 'post', size=(0.3, 0.2, 0.2)), 'a'),
+    'an obstacle grows far': (
+        lambda world: configured(world, 'post', size=(4.0, 0.01, 0.2)), 'ab',
+    ),
+    'nothing is configured': (lambda world: world.configure(world.config), ''),
+    'the ground moves': (lambda world: configured(world, 'ground', position=(0, 0, -1)), 'abc'),
+    'an obstacle is added': (
+        lambda world: world.add(dataclasses.replace(POST, name='new', position=BESIDE['b'])), 'b',
+    ),
+    'an obstacle is added far away': (
+        lambda world: world.add(dataclasses.replace(POST, name='new', position=FAR)), '',
+    ),
+    'an obstacle is removed': (lambda world: world.remove('post'), 'a'),
+    'the ground is removed': (lambda world: world.remove('ground'), 'abc'),
+    'a guest comes': (lambda world: world.change_obstacles([guest(BESIDE['b'])]), 'b'),
+    'points come': (lambda world: world.set_points(points_at('b', 'c')), 'bc'),
+    'points come far away': (lambda world: world.set_points(points_at()), ''),
+    'a body is stiffer': (lambda world: configured(world, 'b', stiffness=0.3), 'b'),
+    'a body is thicker': (lambda world: configured(world, 'a', thickness=0.01), 'a'),
+    'pins let go': (lambda world: configured(world, 'c', pins_indices=()), 'c'),
+    'pins move': (lambda world: world.move_pins('c', (0.0, 0.1, 0.0)), 'c'),
+    'pins are not moved': (lambda world: world.move_pins('c', (0.0, 0.0, 0.0)), ''),
+    'a body is put': (lambda world: world.set_state('b', world.positions('b')), 'b'),
+    'a body is pushed': (
+        lambda world: world.apply_wrench('b', (1.0, 0.0, 0.0), (0.0,) * 3, 0.1), 'b',
+    ),
+    'a body comes': (lambda world: world.add(box('d', 9.0)), 'd'),
+    'a body comes near': (lambda world: world.add(box('d', 7.0, position=(7, 0, 0.9))), 'cd'),
+    'a body goes': (lambda world: world.remove('b'), ''),
+    'gravity changes': (
+        lambda world: world.configure(dataclasses.replace(world.config, gravity_magnitude=5.0)),
+        'abc',
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('what', LOCAL)
+def test_what_changes_wakes_those_near_it_and_nobody_else(three, what):
+    act, expected = LOCAL[what]
+    world = three()
+    before = {name: world.positions(name) for name in world.names}
+    act(world)
+    world.step()
+    assert awake(world) == expected
+    for name in set(world.names) - set(expected):
+        assert np.array_equal(world.positions(name), before[name])
+        assert not world.velocities(name).any()
+
+
+@pytest.mark.parametrize(
+    ('change', 'expected'),
+    [
+        ([guest(BESIDE['b'])], ''),
+        ([guest(BESIDE['c'])], 'bc'),
+        ([guest(FAR)], 'b'),
+        ([guest(BESIDE['b'], size=0.19)], 'b'),
+        ([ObstacleRemoval()], 'b'),
+        ([ObstacleRemoval('leg')], ''),
+    ],
+)
+def test_guests_wake_those_near_where_they_were_and_where_they_are(three, change, expected):
+    world = three()
+    world.change_obstacles([guest(BESIDE['b'])])
+    world.step(480)
+    assert not awake(world)
+    world.change_obstacles(change)
+    world.step()
+    assert awake(world) == expected
+
+
+# --------------------------------------------------------------------------------- many sleepers
+UPDATES = {
+    'move_obstacle': lambda world, at: world.move_obstacle('post', at, linear=(0.1, 0.0, 0.0)),
+    'configure': lambda world, at: configured(world, 'post', position=at),
+    'change_obstacles': lambda world, at: world.change_obstacles([guest(at)]),
+    'set_points': lambda world, at: world.set_points(PointObstacles(np.array([at]), 0.21)),
+    'add and remove': lambda world, at: (
+        world.remove('post'), world.add(dataclasses.replace(POST, position=at)),
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def many():
+    """Return a maker of worlds of thirty boxes asleep side by side, and a post far from them."""
+    return asleep(
+        *(
+            box(f'b{i}', 0.0, position=(1.2 * (i % 6), 1.2 * (i // 6), 0.5), friction=0.5)
+            for i in range(30)
+        ),
+        obstacles=(GROUND, dataclasses.replace(POST, position=FAR)),
+    )
+
+
+@pytest.mark.parametrize('how', UPDATES)
+def test_what_moves_every_tick_far_from_sleepers_wakes_none_of_them(many, how, monkeypatch):
+    world, computed, fly = many(), [], flight.predict_and_match
+    before = bytes_of(world)
+    counted = lambda *of: computed.append(len(of[1])) or fly(*of)  # noqa: E731
+    monkeypatch.setattr(flight, 'predict_and_match', counted)
+    for tick in range(60):
+        UPDATES[how](world, (FAR[0], 0.1 * tick, 0.3))
+        world.step()
+    assert len(world.names) == 30 and not awake(world)
+    assert bytes_of(world) == before
+    assert not any(computed)
+    # and who is near one of them wakes that one
+    UPDATES[how](world, (-0.705, 0.0, 0.3))
+    world.step()
+    assert awake(world) == 'b0'
+
+
+# ------------------------------------------------------------------------------ what lies on what
+TABLE = ObstacleConfig(name='table', type='box', size=(1.0, 1.0, 0.5), position=(0.0, 0.0, 1.0))
+GRID = np.stack(np.meshgrid(*[np.linspace(-1.2, 1.2, 13)] * 2, [1.3]), axis=-1).reshape(-1, 3)
+SUPPORTS = {
+    'removed': ((GROUND, TABLE), None, lambda world: world.remove('table')),
+    'moved': (
+        (GROUND, TABLE), None, lambda world: world.move_obstacle('table', (0.0, 0.0, -9.0)),
+    ),
+    'shrunk': (
+        (GROUND, TABLE), None, lambda world: configured(world, 'table', size=(1.0, 1.0, 0.3)),
+    ),
+    'a guest that leaves': (
+        (GROUND,),
+        lambda world: world.change_obstacles([ObstacleUpdate(('arm', 0), TABLE)]),
+        lambda world: world.change_obstacles([ObstacleRemoval()]),
+    ),
+    'points that vanish': (
+        (GROUND,),
+        lambda world: world.set_points(PointObstacles(GRID, 0.2)),
+        lambda world: world.set_points(PointObstacles(GRID[:0], 0.2)),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('how', SUPPORTS)
+@pytest.mark.parametrize('mode', MODES)
+def test_who_loses_what_it_lies_on_wakes_and_falls(mode, how):
+    obstacles, prepare, act = SUPPORTS[how]
+    world = asleep(
+        box('high', 0.0, position=(0.0, 0.0, 2.01), mode=mode),
+        box('low', 5.0, mode=mode),
+        obstacles=obstacles,
+        prepare=prepare,
+    )()
+    height = centre(world, 'high')[2]
+    act(world)
+    assert awake(world) == 'high'
+    world.step(30)
+    assert height - centre(world, 'high')[2] > 0.05
+    assert awake(world) == 'high'
+
+
+def stack():
+    """Return three boxes on each other; those of 8 vertices do not carry each other."""
+    values = {'subdivisions': 1, 'friction': 0.5}
+    return [box('abc'[i], 0.0, position=(0.0, 0.0, 0.5 + 1.01 * i), **values) for i in range(3)]
+
+
+def test_an_island_wakes_as_a_whole_when_something_reaches_one_of_it():
+    """Three on each other; the post is beside the lowest."""
+    made = asleep(*stack(), box('d', 5.0))
+    for act, at_once in (
+        (lambda world: world.move_obstacle('post', FAR), 'a'),
+        (lambda world: configured(world, 'c', friction=0.1), 'c'),
+        (
+            lambda world: world.add(
+                dataclasses.replace(POST, name='new', position=(0, 0.705, 1.5))
+            ),
+            'b',
+        ),
+    ):
+        world = made()
+        act(world)
+        assert awake(world) == at_once
+        world.step()
+        assert awake(world) == 'abc'
+
+
+def test_who_lay_on_a_body_that_is_removed_falls():
+    world = asleep(*stack(), box('d', 5.0))()
+    world.remove('a')
+    world.step(60)
+    assert awake(world) == 'bc'
+    assert centre(world, 'b')[2] < 1.4 and centre(world, 'c')[2] < 2.4

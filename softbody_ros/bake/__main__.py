@@ -23,7 +23,7 @@ USD = ('softbody_ros.bake.usd', 'UsdWriter', 'pxr', 'usd-core')
 GLTF = ('softbody_ros.bake.gltf', 'GltfWriter', 'pygltflib', 'pygltflib')
 NPZ = ('softbody_ros.bake.npz', 'NpzWriter', 'numpy', 'numpy')
 FORMATS = {'.usdc': USD, '.usda': USD, '.usd': USD, '.glb': GLTF, '.npz': NPZ}
-"""For each suffix: module, writer, the module that it needs, and the package of that."""
+"""By suffix: module, writer, the module that it requires, and the package of that."""
 LARGE_GLB = 100e6
 
 DESCRIPTION = """\
@@ -52,12 +52,12 @@ one is whole; after Ctrl-C it is as it was.
 
 
 class Refusal(Exception):  # noqa: N818
-    """What was asked for cannot be; with one sentence."""
+    """A request that cannot be fulfilled; with the reason in one sentence."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Bake as the command line says; return 0, 1 with one sentence, or 128 + signal."""
-    # nothing is written yet: what is asked to end may just end, without a traceback
+    # nothing is written yet: a signal may end the process at once, without a traceback
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     options = _parser().parse_args(arguments)
     from softbody_ros.core import ConfigError, MeshError, SimulationError
@@ -101,12 +101,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _path(text: str) -> Path:
-    # a shell does not expand the ~ of --output=~/film.usdc
+    # shells do not expand the ~ of --output=~/film.usdc
     return Path(os.path.expanduser(text))
 
 
 def _run(options: argparse.Namespace) -> int:
     from softbody_ros.bake.film import Film
+    from softbody_ros.core.warm_up import compile_ahead
 
     scene = _scene(options)
     outputs = options.output or [_default_output(options.scene)]
@@ -118,6 +119,7 @@ def _run(options: argparse.Namespace) -> int:
     film = Film(scene, options.seconds, options.fps)
     for path in outputs:
         _warn_if_large(path, film)
+    compile_ahead(_warn, _warn)
     signals: list[int] = []
 
     def note(number: int, _: object) -> None:
@@ -139,7 +141,7 @@ def _default_output(scene: str) -> Path:
 
 
 def _writer(path: Path) -> Any:
-    """Return the class that writes such a file."""
+    """Return the writer class for the suffix of a file."""
     if path.suffix not in FORMATS:
         raise Refusal(
             f'the output {path} has an unknown suffix: end it with one of {", ".join(FORMATS)}'
@@ -202,7 +204,7 @@ def _write(film: Film, kinds: list[Any], outputs: list[Path], signals: list[int]
             kind(stack.enter_context(whole_file(path)), film)
             for kind, path in zip(kinds, outputs, strict=True)
         ]
-        # disable=None: no bar where nobody looks
+        # disable=None: no bar unless on a terminal
         for frame in tqdm(
             film.frames(), total=len(film.times), unit='frame', disable=None, leave=False
         ):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A film: the world of a scene, looked at so many times a simulated second."""
+"""A film: the world of a scene, sampled at a frame rate."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.scene.parameters import Scene
 
 LONGEST = 86400.0
-"""Seconds."""
+"""Longest film, s."""
 OBSTACLE_COLOR = (0.8, 0.82, 0.86, 1.0)
 
 
@@ -50,7 +50,7 @@ class Film:
     Raises
     ------
     ConfigError
-        if there are no ticks for so many frames, or the film is too long.
+        if the frame rate exceeds that of the ticks, or the film is too long.
     MeshError
         if a mesh of the scene cannot be used.
 
@@ -64,7 +64,7 @@ class Film:
     def __post_init__(self) -> None:
         if not 0.0 <= self.seconds <= LONGEST:
             raise ConfigError(f'seconds is {self.seconds:g}: it must be from 0 to {LONGEST:g}')
-        # those of a step of 1/240 s are a hair fewer than 240
+        # 1 / (1/240) is slightly below 240 in floating point
         ticks = round(1.0 / self.scene.world.time_step, 6)
         if not 0.0 < self.fps <= ticks:
             raise ConfigError(
@@ -88,7 +88,7 @@ class Film:
         return self.world.rest_shape(body).surface
 
     def color(self, body: str) -> tuple[float, ...]:
-        """Return red, green, blue and alpha as in the scene: for the screen, not linear."""
+        """Return red, green, blue and alpha as in the scene, sRGB."""
         return self.scene.appearances[body].color
 
     def frames(self) -> Iterator[Frame]:
@@ -108,7 +108,7 @@ class Film:
             yield Frame(index, positions, {item.config.name: item for item in world.obstacles})
 
     def plane_reach(self, plane: ObstacleConfig) -> float:
-        """Return half the side of the square that stands for an infinite plane, m."""
+        """Return half the side of the square that represents an infinite plane, m."""
         reach = 0.0
         for body in self.scene.world.bodies:
             away = np.abs(np.subtract(body.position, plane.position)).max()
@@ -117,21 +117,20 @@ class Film:
 
 
 class Writer(Protocol):
-    """Takes the frames of one film in order, then ends its file."""
+    """Writer of one film: takes the frames in order, then completes its file."""
 
     def add(self, frame: Frame) -> None:
         """Take a frame."""
 
     def finish(self) -> None:
-        """Write what is left."""
+        """Complete the file."""
 
 
 def linear(color: tuple[float, ...]) -> tuple[float, ...]:
     """
     Return red, green and blue, linear in light, and the same alpha.
 
-    The colours of ROS are those of the screen (sRGB); USD and glTF have linear ones, and would
-    show them paler. IEC 61966-2-1.
+    Colours in ROS are sRGB, those of USD and glTF linear. IEC 61966-2-1.
     """
     rgb = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
     return (*rgb, color[3])

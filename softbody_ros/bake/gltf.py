@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Films as binary glTF 2.0, float32: y up by a root node that turns the scene, metres.
+Films as binary glTF 2.0, float32: y up by a root node that rotates the scene, metres.
 
-Each body is a mesh whose morph target k leads from frame 0 to frame k + 1; the animation blends
-from each to the next. A vertex on a crease is there once for each of its normals. Obstacles are
-meshes, and nodes that move where they do.
+Each body is a mesh whose morph target k is the offset of frame k + 1 from frame 0; the animation
+blends from each to the next. Vertices on a crease are duplicated for each of their normals.
+Obstacles are meshes, with animated nodes where they move.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from pygltflib import GLTF2, Accessor, Attributes, BufferView
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
 from softbody_ros.bake.shading import shading
 from softbody_ros.core import ConfigError, Surface
-from softbody_ros.core.collision.tessellation import obstacle_surface
+from softbody_ros.core.collision.shapes import obstacle_surface
 
 LARGEST = 2**32 - 1
-"""Bytes in a file: its header says them in 32 bits."""
+"""Most bytes in a file: the length in its header has 32 bits."""
 Z_UP_TO_Y_UP = [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
 
 
 def size(film: Film) -> int:
-    """Return about how many bytes the file of a film will have."""
+    """Return the approximate number of bytes of the file of a film."""
     frames = len(film.times)
     vertices = sum(len(shading(film.surface(name)).origin) for name in film.world.names)
     return 24 * frames * vertices + 4 * frames**2 * len(film.world.names)
@@ -35,12 +35,12 @@ def size(film: Film) -> int:
 
 class GltfWriter:
     """
-    Keeps all frames, float32, and writes them at the end.
+    Collects all frames, float32, and writes them at the end.
 
     Raises
     ------
     ConfigError
-        if the film does not fit into such a file.
+        if the film exceeds the format's largest file.
 
     """
 
@@ -66,7 +66,7 @@ class GltfWriter:
 
 
 class _Document:
-    """The glTF document of a film: see the specification of glTF 2.0 for the names."""
+    """The glTF document of a film; names as in the specification of glTF 2.0."""
 
     def __init__(self, film: Film, frames: list[Frame]) -> None:
         self._frames = frames
@@ -104,13 +104,14 @@ class _Document:
         self.gltf.nodes.append(node)
         if not later:
             return
-        moves = self._accessors([(each - first)[shown.origin] for each in later])
-        turns = self._accessors([each - normals for each in later_normals])
+        position_targets = self._accessors([(each - first)[shown.origin] for each in later])
+        normal_targets = self._accessors([each - normals for each in later_normals])
         self.gltf.meshes[mesh].primitives[0].targets = [
-            Attributes(POSITION=move, NORMAL=turn) for move, turn in zip(moves, turns, strict=True)
+            Attributes(POSITION=position, NORMAL=normal)
+            for position, normal in zip(position_targets, normal_targets, strict=True)
         ]
         self.gltf.meshes[mesh].weights = [0.0] * len(later)
-        # at frame k + 1 target k and no other
+        # at frame k + 1 target k only
         weights = np.eye(len(self._frames), len(later), k=-1, dtype=np.float32)
         self._animate('weights', self._accessor(weights.ravel(), pygltflib.SCALAR))
 
@@ -131,7 +132,7 @@ class _Document:
         self._animate('rotation', self._accessor(rotations, pygltflib.VEC4))
 
     def _animate(self, path: str, values: int) -> None:
-        """Let the newest node follow the values."""
+        """Animate the newest node with the values."""
         sampler = pygltflib.AnimationSampler(
             input=self._times, output=values, interpolation=pygltflib.ANIM_LINEAR
         )
@@ -176,9 +177,9 @@ class _Document:
 
     # ----------------------------------------------------------------------------- binary arrays
     def _accessors(self, vertices: list[np.ndarray]) -> list[int]:
-        """Append arrays (n, 3) of one length, as one view; return the index of each."""
+        """Append arrays (n, 3) of equal length as one view; return their indices."""
         view = self._view(np.concatenate(vertices), pygltflib.ARRAY_BUFFER)
-        # several attributes in a view must say how far apart their elements are
+        # required for views that several attributes share
         self.gltf.bufferViews[view].byteStride = 12
         first = len(self.gltf.accessors)
         for index, each in enumerate(vertices):

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Films as NumPy archives, to the last bit of the core; `np.load` reads them.
+Films as NumPy archives with the exact float64 state; `np.load` reads them.
 
 | array | type and shape | |
 |---|---|---|
 | fps | float | frames in a simulated second |
 | times | float (frames,) | of the frames, s |
-| ticks | int (frames,) | that they show |
+| ticks | int (frames,) | of the frames |
 | time_step | float | one tick, s |
 | bodies, obstacles | str (any,) | their names |
 | NAME.positions | float (frames, vertices, 3) | of the vertices of a body, m, z up |
@@ -29,7 +29,7 @@ from softbody_ros.bake.film import Film, Frame
 
 
 class NpzWriter:
-    """Keeps all frames, float64, and writes them at the end."""
+    """Collects all frames, float64, and writes them at the end."""
 
     def __init__(self, path: Path, film: Film) -> None:
         self._path = path

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Normals for the eye: without them glTF viewers, and many of USD, show each triangle flat."""
+"""Vertex normals for smooth shading: without them viewers shade each triangle flat."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from softbody_ros.core import Surface
 from softbody_ros.core.geometry.mesh import vertex_normals
 
 CREASE = np.radians(50.0)
-"""Edges that turn more than this at rest stay sharp: those of a box, not those of a ball."""
+"""Dihedral angle at rest above which an edge stays sharp: of a box, not of a ball."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shading:
     """
-    Which corners of triangles share a normal.
+    Assignment of normals to the corners of triangles.
 
     Attributes
     ----------
@@ -38,13 +38,13 @@ class Shading:
         """Return the normals (k, 3), float32, of length 1, at vertex positions (n, 3)."""
         sums = vertex_normals(positions[self.origin], self.faces)
         lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-        # what has no area is seen by nobody, but must have a normal
+        # without area it is invisible, but the formats require a unit normal
         normals = np.where(lengths > 0.0, sums / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0))
         return normals.astype(np.float32)
 
 
 def shading(surface: Surface) -> Shading:
-    """Return which corners share a normal: those that smooth edges join around a vertex."""
+    """Return the normals of a surface: corners at a vertex share one across smooth edges."""
     faces = surface.faces
     corners = faces.ravel()
     labels = connected_components(_joined_corners(surface), directed=False)[1]
@@ -56,12 +56,12 @@ def shading(surface: Surface) -> Shading:
 
 
 def _joined_corners(surface: Surface) -> coo_array:
-    """Return a graph (3 m, 3 m) of the corners that are beside each other across smooth edges."""
+    """Return the graph (3 m, 3 m) of corners adjacent across smooth edges."""
     faces = surface.faces
     a, b, c = surface.vertices[faces.T]
     across = np.cross(b - a, c - a)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    # of each edge its two corners, that of the lower vertex first
+    # the two corners of each edge, that of the lower vertex first
     ends = np.arange(faces.size).reshape(-1, 3)
     ends = np.stack([ends, np.roll(ends, -1, axis=1)], axis=-1).reshape(-1, 2)
     vertices = faces.ravel()[ends]

@@ -4,12 +4,12 @@
 Films as Universal Scene Description, float32: z up, metres, one time code for each frame.
 
 /scene (default prim)
-    bodies/NAME       Mesh: points, normals and extent for each time code, all else once
-    obstacles/NAME    Mesh; those that move have moving xforms
+    bodies/NAME       Mesh: points, normals and extent per time code, all else once
+    obstacles/NAME    Mesh; moving ones have animated xforms
     materials/NAME    UsdPreviewSurface of each body, and of the obstacles
 
-Obstacles are meshes too: of Cube, Cylinder and the like Blender drops the material, and makes the
-round ones coarse.
+Obstacles are meshes too: Blender drops the material of Cube, Cylinder etc., and tessellates them
+coarsely.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaterni
 from softbody_ros.bake.shading import Shading, shading
 from softbody_ros.core import Surface
 from softbody_ros.core.collision.obstacles import Obstacle
-from softbody_ros.core.collision.tessellation import obstacle_surface
+from softbody_ros.core.collision.shapes import obstacle_surface
 
 ROOT = '/scene'
 SAVED_AT_ONCE = 64 << 20
-"""Bytes of frames that wait in memory for being appended to a binary file."""
+"""Bytes of frames collected in memory before they are appended to a binary file."""
 
 
 class UsdWriter:
-    """Writes one film into a stage; binary files grow with it, a text is written at the end."""
+    """Writes one film; binary files grow with the frames, text is written at the end."""
 
     def __init__(self, path: Path, film: Film) -> None:
         self._is_text = path.suffix == '.usda'
@@ -41,8 +41,8 @@ class UsdWriter:
         with _errors_of_files():
             self._stage = Usd.Stage.CreateNew(str(path))
         _set_metadata(self._stage, film)
-        for part in ('', '/bodies', '/obstacles'):
-            UsdGeom.Xform.Define(self._stage, ROOT + part)
+        for group in ('', '/bodies', '/obstacles'):
+            UsdGeom.Xform.Define(self._stage, ROOT + group)
         UsdGeom.Scope.Define(self._stage, ROOT + '/materials')
         self._stage.SetDefaultPrim(self._stage.GetPrimAtPath(ROOT))
         self._bodies = {name: self._body(film, name) for name in film.world.names}
@@ -63,7 +63,7 @@ class UsdWriter:
             self.finish()
 
     def finish(self) -> None:
-        """Save what is not saved yet."""
+        """Save the frames that are not saved yet."""
         self._waiting = 0
         with _errors_of_files():
             self._stage.Save()
@@ -98,7 +98,7 @@ class UsdWriter:
 
 
 class _Mesh:
-    """A mesh whose vertices move; its faces stay."""
+    """A mesh with moving vertices and constant faces."""
 
     def __init__(self, stage: Usd.Stage, path: str, surface: Surface) -> None:
         faces = surface.faces
@@ -114,7 +114,7 @@ class _Mesh:
         self._normals = _normals(self.prim, self._shading)
 
     def show(self, positions: np.ndarray, time: Usd.TimeCode) -> int:
-        """Set positions (n, 3) and what follows from them; return how many bytes these are."""
+        """Set positions (n, 3), normals and extent; return their number of bytes."""
         points, normals = positions.astype(np.float32), self._shading.normals(positions)
         extent = np.array([points.min(axis=0), points.max(axis=0)])
         self.prim.GetPointsAttr().Set(_vectors(points), time)
@@ -138,7 +138,7 @@ class _Placed:
 
 @contextmanager
 def _errors_of_files() -> Iterator[None]:
-    """Raise OSError where USD raises a whole list of errors, the first of which is the cause."""
+    """Convert a list of USD errors, the first of which is the cause, to an OSError."""
     try:
         yield
     except Tf.ErrorException as error:
@@ -155,7 +155,7 @@ def _set_metadata(stage: Usd.Stage, film: Film) -> None:
 
 
 def _normals(mesh: UsdGeom.Mesh, shared: Shading) -> UsdGeom.Primvar:
-    """Return the primvar for normals: of vertices, or where there are creases of corners."""
+    """Return the primvar for normals: per vertex, or per corner if there are creases."""
     has_creases = len(shared.origin) > len(np.unique(shared.origin))
     tokens = UsdGeom.Tokens
     primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(

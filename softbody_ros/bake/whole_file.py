@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are there when they are whole."""
+"""Atomic writing of files."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import tempfile
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """
-    Give the path of a file to write, which becomes `path` at the end; after an error it is gone.
+    Yield a temporary path that is moved to `path` at the end, or removed after an error.
 
-    It is in a hidden folder beside `path`: on the same file system, and with the same name.
+    It lies in a hidden folder beside `path`: on the same file system, with the same file name.
     """
     with tempfile.TemporaryDirectory(prefix='.bake-', dir=path.parent) as folder:
         unfinished = Path(folder) / path.name

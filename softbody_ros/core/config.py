@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a simulation consists of, as frozen dataclasses that are valid once they exist.
+Settings of a simulation as frozen dataclasses, validated on construction.
 
-Each field states its default, range, unit and meaning once, in `setting(...)`; validation, the
-ROS parameters, their descriptors and the README table are all derived from it.
+Each field declares its default, range, unit and description once, in `setting(...)`; validation,
+the ROS parameters, their descriptors and the README table are all derived from it.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ LARGEST = 1e6
 
 
 class ConfigError(ValueError):
-    """A setting that cannot be: the message is one sentence with value, range and remedy."""
+    """An invalid setting: the message is one sentence with value, range and remedy."""
 
 
 @dataclass(frozen=True)
 class Setting:
     """
-    The facts about one field; `minimum` and `maximum` hold for each element of a vector.
+    Metadata of one field; `minimum` and `maximum` hold for each element of a vector.
 
     `items` is the type of the elements of a list of any length.
     """
@@ -162,6 +162,8 @@ def in_brackets(values: Iterable[float]) -> str:
 
 def unknown_name(name: str, known: Sequence[str]) -> str:
     """Return the clause of an error message that helps with a misspelt name."""
+    if not known:
+        return 'there are none'
     close = difflib.get_close_matches(name, known, n=1)
     return f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
 

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What others do to a world while it runs: things they put in the way, wrenches, another gravity.
+External inputs received at run time: obstacles, points, wrenches, a gravity override.
 
-All of it is one immutable value, so a snapshot of it is a reference. Times are ticks.
+All of them are one immutable value, so a snapshot is a reference. Times are ticks, except for the
+stamps of poses on the sender's clock, from which the velocities of obstacles are computed.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import NO_POINTS, PointObstacles
 from softbody_ros.core.config import ObstacleConfig, settings
 
-MOST_GUESTS = 1000
-"""Obstacles that others may put in the way."""
+MOST_DYNAMIC_OBSTACLES = 1000
+"""Largest number of obstacles added at run time."""
 EVERY_BODY = ''
-"""Stands for all bodies where the name of one is meant."""
+"""Key of wrenches on all bodies, in place of a name."""
 NEVER = 2**62
 
 Key = tuple[str, int]
@@ -34,22 +35,22 @@ _FACTS = {name: facts for name, _, facts in settings(ObstacleConfig)}
 
 
 @dataclass(frozen=True)
-class Placement:
+class ObstacleUpdate:
     """
-    Where somebody puts an obstacle.
+    A received pose of a new or known obstacle.
 
     Attributes
     ----------
     key : (str, int)
-        what identifies it from one placement to the next
+        identifies it from one update to the next
     config : ObstacleConfig
-        without velocity: that follows from the placement before
+        without velocity, which is computed from the previous update
     stamp : int
-        when it was there, ns of its clock; 0 is unknown
+        time of the pose, ns of the sender's clock; 0 is unknown
     pace : float
         simulated seconds per second of that clock
     lifetime : int
-        ticks after which it goes; 0 is never
+        ticks after which it is removed; 0 is never
 
     """
 
@@ -61,76 +62,72 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Removal:
-    """Takes away one obstacle; with id None those of a namespace, or all if that is empty."""
+class ObstacleRemoval:
+    """Removes one obstacle; with id None those of a namespace, or all if that is empty."""
 
     namespace: str = ''
     id: int | None = None
 
-    def takes(self, key: Key) -> bool:
-        """Whether it takes away the obstacle of a key."""
+    def removes(self, key: Key) -> bool:
+        """Whether it removes the obstacle of a key."""
         if self.id is None:
             return self.namespace in ('', key[0])
         return key == (self.namespace, self.id)
 
 
 @dataclass(frozen=True, eq=False)
-class Guest:
+class DynamicObstacle:
     """
-    An obstacle that somebody has put in the way.
+    An obstacle received at run time.
 
     Attributes
     ----------
     obstacle : Obstacle
-        its config has the pose that was said last
+        its config has the last received pose
     stamp : int
         of that pose, ns
-    stands_at, goes_at : int
-        ticks at which it stops where it is then, and at which it is taken away
+    stops_at, expires_at : int
+        ticks at which it stops moving, and at which it is removed
 
     """
 
     obstacle: Obstacle
     stamp: int
-    stands_at: int = NEVER
-    goes_at: int = NEVER
+    stops_at: int = NEVER
+    expires_at: int = NEVER
 
-    def at(self, tick: int) -> Guest:
-        """Return it as it begins a tick: it stands still when its time to move is over."""
-        if tick < self.stands_at:
+    def at(self, tick: int) -> DynamicObstacle:
+        """Return it at the beginning of a tick, without velocity after `stops_at`."""
+        if tick < self.stops_at:
             return self
-        still = dataclasses.replace(self.obstacle, config=_moving(self.obstacle.config, *_STILL))
-        return dataclasses.replace(self, obstacle=still, stands_at=NEVER)
+        config = _moving(self.obstacle.config, *_STILL)
+        still = dataclasses.replace(self.obstacle, config=config, before=None)
+        return dataclasses.replace(self, obstacle=still, stops_at=NEVER)
 
-    def moved(self, h: float) -> Guest:
+    def moved(self, h: float) -> DynamicObstacle:
         """Return it after h seconds."""
         if not self.obstacle.moves:
             return self
         return dataclasses.replace(self, obstacle=obstacles.moved(self.obstacle, h))
 
-    def looks_like(self, other: Guest) -> bool:
-        """Whether bodies notice no difference."""
-        mine, others = self.obstacle, other.obstacle
-        return (
-            mine.config == others.config
-            and np.array_equal(mine.position, others.position)
-            and np.array_equal(mine.rotation, others.rotation)
-        )
+    def equals(self, other: DynamicObstacle) -> bool:
+        """Whether shape, pose and velocity are equal."""
+        return obstacles.is_same(self.obstacle, other.obstacle)
 
 
 @dataclass(frozen=True, eq=False)
 class Wrench:
     """
-    What pushes and turns a body at its centre of mass.
+    A wrench applied to a body at its centre of mass.
 
     Attributes
     ----------
     force, torque : (3,) float
         N, N m
     in_body_axes : bool
-        whether they turn with the body
+        whether they rotate with the body, or are in world axes
     ends_at : int
-        the tick from which on it acts no more
+        tick from which on it does not act
 
     """
 
@@ -141,24 +138,24 @@ class Wrench:
 
 
 @dataclass(frozen=True, eq=False)
-class Outside:
+class ExternalInputs:
     """
-    Everything that others do to a world at one tick.
+    All external inputs that act at one tick.
 
     Attributes
     ----------
-    guests : mapping of (str, int) to Guest
+    dynamic_obstacles : mapping of (str, int) to DynamicObstacle
     points : PointObstacles
     wrenches : mapping of str to Wrench
         by the name of the body, or `EVERY_BODY`
     gravity : (3,) float or None
-        instead of that of the config, m/s²
+        overrides that of the config, m/s²
     gravity_ends_at : int
-        the tick from which on the config's holds again
+        tick from which on the config's holds again
 
     """
 
-    guests: Mapping[Key, Guest] = field(default_factory=dict)
+    dynamic_obstacles: Mapping[Key, DynamicObstacle] = field(default_factory=dict)
     points: PointObstacles = NO_POINTS
     wrenches: Mapping[str, Wrench] = field(default_factory=dict)
     gravity: np.ndarray | None = None
@@ -166,14 +163,14 @@ class Outside:
 
     @cached_property
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """The obstacles, in the order in which they came."""
-        return tuple(guest.obstacle for guest in self.guests.values())
+        """The obstacles, in the order of their arrival."""
+        return tuple(item.obstacle for item in self.dynamic_obstacles.values())
 
     @cached_property
     def _next_change(self) -> int:
         ends = [wrench.ends_at for wrench in self.wrenches.values()]
-        for guest in self.guests.values():
-            ends += [guest.stands_at, guest.goes_at]
+        for item in self.dynamic_obstacles.values():
+            ends += [item.stops_at, item.expires_at]
         return min([*ends, self.gravity_ends_at])
 
     @cached_property
@@ -182,108 +179,132 @@ class Outside:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes, about."""
-        return self.points.points.nbytes + 1000 * len(self.guests) + 200 * len(self.wrenches)
+        """Approximate bytes of memory."""
+        return (
+            self.points.points.nbytes
+            + 1000 * len(self.dynamic_obstacles)
+            + 200 * len(self.wrenches)
+        )
 
-    def moved(self, h: float) -> Outside:
-        """Return it after h seconds: obstacles move on with their velocities."""
+    def moved(self, h: float) -> ExternalInputs:
+        """Return the inputs after h seconds: obstacles move with their velocities."""
         if not self._moves:
             return self
-        guests = {key: guest.moved(h) for key, guest in self.guests.items()}
-        return dataclasses.replace(self, guests=guests)
+        dynamic_obstacles = {key: item.moved(h) for key, item in self.dynamic_obstacles.items()}
+        return dataclasses.replace(self, dynamic_obstacles=dynamic_obstacles)
 
-    def at(self, tick: int) -> Outside:
-        """Return it as it begins a tick: without what is over."""
+    def at(self, tick: int) -> ExternalInputs:
+        """Return the inputs at the beginning of a tick, without what has expired."""
         if tick < self._next_change:
             return self
-        guests = {
-            key: guest.at(tick) for key, guest in self.guests.items() if tick < guest.goes_at
+        dynamic_obstacles = {
+            key: item.at(tick)
+            for key, item in self.dynamic_obstacles.items()
+            if tick < item.expires_at
         }
         wrenches = {name: item for name, item in self.wrenches.items() if tick < item.ends_at}
-        result = dataclasses.replace(self, guests=guests, wrenches=wrenches)
+        result = dataclasses.replace(self, dynamic_obstacles=dynamic_obstacles, wrenches=wrenches)
         return result if tick < self.gravity_ends_at else result.with_gravity(None, NEVER)
 
-    def begun_anew(self, tick: int) -> Outside:
-        """Return it at tick 0 of a new beginning: what is in the way stays, forces end."""
-        guests = {
+    def reset(self, tick: int) -> ExternalInputs:
+        """Return the inputs after a reset: deadlines count from tick 0, forces end."""
+        dynamic_obstacles = {
             key: dataclasses.replace(
-                guest,
-                stands_at=_earlier(guest.stands_at, tick),
-                goes_at=_earlier(guest.goes_at, tick),
+                item,
+                stops_at=_earlier(item.stops_at, tick),
+                expires_at=_earlier(item.expires_at, tick),
             )
-            for key, guest in self.guests.items()
+            for key, item in self.dynamic_obstacles.items()
         }
-        return Outside(guests, self.points)
+        return ExternalInputs(dynamic_obstacles, self.points)
 
     def changed(
-        self, changes: Iterable[Placement | Removal], tick: int, longest_gap: float, h: float
-    ) -> Outside:
+        self,
+        changes: Iterable[ObstacleUpdate | ObstacleRemoval],
+        tick: int,
+        longest_gap: float,
+        h: float,
+    ) -> ExternalInputs:
         """
-        Return it with obstacles put somewhere, as new ones or from where they were, or taken away.
+        Return the inputs with obstacles added, moved or removed.
 
-        Two poses whose stamps are not too far apart make a velocity, with which an obstacle moves
-        on for as long as stamps may be apart. Beyond `MOST_GUESTS` nothing new comes in.
+        From two poses whose stamps are at most `longest_gap` apart a velocity is computed, with
+        which the obstacle moves on for that time. Beyond `MOST_DYNAMIC_OBSTACLES` none is added.
 
         Parameters
         ----------
-        changes : iterable of Placement and Removal
-            in their order
+        changes : iterable of ObstacleUpdate and ObstacleRemoval
+            in order
         tick : int
-            now
+            the present one
         longest_gap : float
-            between two stamps that make a velocity, s
+            largest difference of stamps for a velocity, s
         h : float
             s
 
         """
-        guests = dict(self.guests)
-        stands_at = tick + ticks_of(longest_gap, h)
+        dynamic_obstacles = dict(self.dynamic_obstacles)
+        stops_at = tick + ticks_of(longest_gap, h)
         for change in changes:
-            if isinstance(change, Removal):
-                guests = {key: guest for key, guest in guests.items() if not change.takes(key)}
-            elif change.key in guests or len(guests) < MOST_GUESTS:
-                before = guests.get(change.key)
-                guests[change.key] = _placed(change, before, tick, stands_at, longest_gap)
-        return dataclasses.replace(self, guests=guests)
+            if isinstance(change, ObstacleRemoval):
+                dynamic_obstacles = {
+                    key: item for key, item in dynamic_obstacles.items() if not change.removes(key)
+                }
+            elif (
+                change.key in dynamic_obstacles or len(dynamic_obstacles) < MOST_DYNAMIC_OBSTACLES
+            ):
+                before = dynamic_obstacles.get(change.key)
+                dynamic_obstacles[change.key] = _placed(
+                    change, before, tick, stops_at, longest_gap
+                )
+        return dataclasses.replace(self, dynamic_obstacles=dynamic_obstacles)
 
-    def with_points(self, points: PointObstacles) -> Outside:
-        """Return it with other points in the way."""
+    def with_points(self, points: PointObstacles) -> ExternalInputs:
+        """Return the inputs with other points."""
         return dataclasses.replace(self, points=points)
 
-    def with_wrench(self, name: str, wrench: Wrench) -> Outside:
-        """Return it with another wrench on a body, or without if that is zero."""
+    def with_wrench(self, name: str, wrench: Wrench) -> ExternalInputs:
+        """Return the inputs with another wrench on a body, or without if that is zero."""
         wrenches = {key: item for key, item in self.wrenches.items() if key != name}
         if wrench.force.any() or wrench.torque.any():
             wrenches[name] = wrench
         return dataclasses.replace(self, wrenches=wrenches)
 
-    def with_gravity(self, gravity: np.ndarray | None, ends_at: int) -> Outside:
-        """Return it with a gravity of its own until a tick, or none."""
+    def with_gravity(self, gravity: np.ndarray | None, ends_at: int) -> ExternalInputs:
+        """Return the inputs with a gravity override until a tick, or none."""
         return dataclasses.replace(self, gravity=gravity, gravity_ends_at=ends_at)
 
-    def same_guests(self, other: Outside) -> bool:
-        """Whether bodies notice no difference between the obstacles."""
-        if self.guests is other.guests:
-            return True
-        return self.guests.keys() == other.guests.keys() and all(
-            guest.looks_like(other.guests[key]) for key, guest in self.guests.items()
-        )
+    def obstacles_changed_since(self, before: ExternalInputs) -> list[Obstacle]:
+        """Return old and new versions of the obstacles that differ from earlier inputs."""
+        mine, others = self.dynamic_obstacles, before.dynamic_obstacles
+        if mine is others:
+            return []
+        changed = []
+        for key in mine.keys() | others.keys():
+            new, old = mine.get(key), others.get(key)
+            if new is None or old is None or not new.equals(old):
+                changed += [item.obstacle for item in (new, old) if item is not None]
+        return changed
 
 
 def ticks_of(seconds: float, h: float) -> int:
-    """Return the ticks of h seconds that come nearest to a duration, at least one."""
+    """Return a duration rounded to ticks of h seconds, at least one."""
     return max(round(seconds / h), 1)
 
 
 def _placed(
-    item: Placement, before: Guest | None, tick: int, stands_at: int, longest_gap: float
-) -> Guest:
+    item: ObstacleUpdate,
+    before: DynamicObstacle | None,
+    tick: int,
+    stops_at: int,
+    longest_gap: float,
+) -> DynamicObstacle:
     velocity = _STILL if before is None else _velocity(before, item, longest_gap)
     obstacle = obstacles.placed(_moving(item.config, *velocity))
-    return Guest(
+    return DynamicObstacle(
         obstacle,
         item.stamp,
-        stands_at if obstacle.moves else NEVER,
+        stops_at if obstacle.moves else NEVER,
         tick + item.lifetime if item.lifetime else NEVER,
     )
 
@@ -301,9 +322,9 @@ def _moving(
 
 
 def _velocity(
-    before: Guest, item: Placement, longest_gap: float
+    before: DynamicObstacle, item: ObstacleUpdate, longest_gap: float
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the linear and angular velocity between two poses that were said, or zeros."""
+    """Return the linear and angular velocity between two received poses, or zeros."""
     gap = 1e-9 * (item.stamp - before.stamp) * item.pace
     if not (before.stamp > 0 and 0.0 < gap <= longest_gap):
         return _STILL
@@ -311,9 +332,9 @@ def _velocity(
     if (old.position, old.orientation) == (new.position, new.orientation):
         return _STILL
     linear = (np.array(new.position) - old.position) / gap
-    turn = Rotation.from_quat(new.orientation) * Rotation.from_quat(old.orientation).inv()
-    angular = turn.as_rotvec() / gap
+    change = Rotation.from_quat(new.orientation) * Rotation.from_quat(old.orientation).inv()
+    angular = change.as_rotvec() / gap
     fastest = _FACTS['velocity_linear'].maximum or math.inf
     if max(np.abs(linear).max(), np.abs(angular).max()) > fastest:
-        return _STILL  # it has not moved: it has been put somewhere else
+        return _STILL  # not a motion: it was placed elsewhere
     return tuple(linear.tolist()), tuple(angular.tolist())

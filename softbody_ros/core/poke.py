@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-A poke: an impulse at one place of a surface, inwards.
+A poke: a localised impulse on a surface, inwards.
 
-The few particles there are light: the whole impulse would make them a hundred times as fast as
-the body becomes, and tear the shape. So only so much of it stays with them that the dent is not
-deeper than wide; the rest goes to the body as a whole, with the momentum and angular momentum
-that the particles would have had.
+Applied to the few light particles there, the whole impulse would make them a hundred times as fast
+as the body, and tear the shape. So their velocities are limited such that the dent is not deeper
+than wide; the rest becomes rigid motion of the body, with the same total momentum and angular
+momentum.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.geometry.mesh import vertex_normals
-from softbody_ros.core.shape_matching import rigid_motion
-from softbody_ros.core.shape_matching.rest_shape import RestShape
-from softbody_ros.core.sums import weighted
+from softbody_ros.core.rigid_fit import rigid_field
+from softbody_ros.core.shape_matching.rest_shape import RestShape, weighted_mean
+from softbody_ros.core.shape_matching.rigid_motion import motion_of
 
 
 def velocity_change(
@@ -28,10 +28,10 @@ def velocity_change(
     frequency: float,
 ) -> np.ndarray:
     """
-    Return what a poke adds to the velocities of a body's particles, (3, n), m/s.
+    Return the changes of the velocities of a body's particles by a poke, (3, n), m/s.
 
     Momentum and angular momentum are those of impulses along the inward normal on the particles
-    within the radius, with a smooth weight times their masses, that sum up to the whole impulse.
+    within the radius, distributed by a smooth falloff times their masses.
 
     Parameters
     ----------
@@ -45,37 +45,39 @@ def velocity_change(
     impulse : float
         per mass of the body, m/s
     frequency : float
-        at which the body swings, rad/s; 0 is a rigid one
+        of the oscillations of the body, rad/s; 0 for a rigid one
 
     """
-    share = 1.0 - ((x - point[:, None]) ** 2).sum(axis=0) / radius**2
-    share = np.maximum(share, 0.0) ** 2
-    total = weighted(share[None], rest.weights)[0]
+    falloff = 1.0 - ((x - point[:, None]) ** 2).sum(axis=0) / radius**2
+    falloff = np.maximum(falloff, 0.0) ** 2
+    total = float((falloff * rest.weights).sum())
     if not total > 0.0:
         return np.zeros_like(x)
-    direction = -outwards(x, rest.surface.faces, rest.weights, share)
-    local = (impulse * direction[:, None] * (share / total))[None]
-    centre = weighted(x, rest.weights)[None]
-    motion = rigid_motion.rigid_motion(x[None], local, centre, rest)
-    whole = rigid_motion.field(x[None], centre, motion.velocity, motion.angular_velocity)
-    dent = local - whole
-    fastest = np.sqrt((dent**2).sum(axis=1).max())
-    largest = 0.5 * radius * frequency
-    dent *= min(1.0, largest / fastest) if fastest > 0.0 else 0.0
-    return (whole + dent)[0]
+    direction = -surface_normal(x, rest.surface.faces, rest.weights, falloff)
+    local_field = impulse * direction[:, None] * (falloff / total)
+    motion = np.empty((6, 3))
+    motion_of(np.ascontiguousarray(x), local_field, rest.weights, rest.scale, motion)
+    centre, velocity, angular_momentum, inverse_inertia = np.split(motion, [1, 2, 3])
+    angular_velocity = inverse_inertia @ angular_momentum[0]
+    rigid = rigid_field(velocity[0], angular_velocity, x - centre[0][:, None])
+    deformation = local_field - rigid
+    largest_speed = np.sqrt((deformation**2).sum(axis=0).max())
+    limit = 0.5 * radius * frequency
+    deformation *= min(1.0, limit / largest_speed) if largest_speed > 0.0 else 0.0
+    return rigid + deformation
 
 
-def outwards(
-    x: np.ndarray, faces: np.ndarray, weights: np.ndarray, share: np.ndarray
+def surface_normal(
+    x: np.ndarray, faces: np.ndarray, weights: np.ndarray, falloff: np.ndarray
 ) -> np.ndarray:
-    """Return the mean normal (3,) of particles by share that face as the first of them does."""
-    nearest = int(share.argmax())
+    """Return the mean normal (3,), weighted by falloff, on the side of the nearest particle."""
+    nearest = int(falloff.argmax())
     normals = vertex_normals(x.T, faces).T
-    # a thin plate has its other side within the radius too
+    # the other side of a thin plate is within the radius too
     facing = normals[:, nearest] @ normals > 0.0
-    normal = normals @ (share * facing)
+    normal = normals @ (falloff * facing)
     length = np.linalg.norm(normal)
-    if length == 0.0:  # no surface there: away from the middle
-        normal = x[:, nearest] - weighted(x, weights)
+    if length == 0.0:  # no surface: away from the centre
+        normal = x[:, nearest] - weighted_mean(x.T, weights)
         length = np.linalg.norm(normal)
     return normal / length if length > 0.0 else np.array([0.0, 0.0, 1.0])

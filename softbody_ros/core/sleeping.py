@@ -1,190 +1,252 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Sleep: bodies that lie still on something stop moving, and stop costing time.
+Sleeping of islands: supported bodies at rest are deactivated until something wakes them.
 
-Judged on displacement: the velocity of a particle that a contact holds away from its goal is not
-zero at rest. Bodies that lie on each other fall asleep together, and wake each other.
+The criterion is displacement between samples: the velocity of a particle that a contact keeps away
+from its goal is not zero at rest. Bodies in contact form islands, which fall asleep and wake
+together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
+from softbody_ros.core.collision.obstacle_contacts import CONTACT, find_contacts
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import PointObstacles
-from softbody_ros.core.contact import soft_obstacle
-from softbody_ros.core.geometry import bounding_boxes
-from softbody_ros.core.shape_matching.gains import Gains
-from softbody_ros.core.shape_matching.pins import Pins
-from softbody_ros.core.shape_matching.rest_shape import RestShape
+from softbody_ros.core.compiled import kernel
+from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
+from softbody_ros.core.geometry.bvh import Trees
+from softbody_ros.core.state import State
 
-WATCH = 0.1
-"""Seconds between two looks."""
-QUIET = 2e-4
-"""Displacement between two looks, in RMS radii, below which a body lies still."""
-QUIET_IN_HEAP = 2e-3
-"""The same for a body that touches others, whose unrest adds to its own."""
-QUIET_LOOKS = 5
-"""Looks in a row after which a body that lies still falls asleep."""
+SAMPLE_INTERVAL = 0.1
+"""Seconds between two samples of the displacement of bodies."""
+AT_REST = 2e-4
+"""Displacement between two samples, in RMS radii, below which a body is at rest."""
+AT_REST_IN_ISLAND = 2e-3
+"""The same for a body in contact with others, whose motion adds to its own."""
+SAMPLES_TO_SLEEP = 5
+"""Consecutive samples at rest after which a body falls asleep."""
 
+NEAR = 0.02
+"""Distance, in RMS radii, within which a change of an obstacle wakes a body."""
 
-@dataclass
-class Stillness:
-    """
-    How still B bodies have been.
-
-    Attributes
-    ----------
-    anchor : (B, 3, n) float
-        positions at the last look, m
-    quiet_looks : (B,) int
-        looks in a row without displacement
-
-    """
-
-    anchor: np.ndarray
-    quiet_looks: np.ndarray
-
-    @property
-    def awake(self) -> np.ndarray:
-        """(B,) bool."""
-        return self.quiet_looks < QUIET_LOOKS
-
-    def copy(self) -> Stillness:
-        """Return a copy that does not share memory."""
-        return Stillness(self.anchor.copy(), self.quiet_looks.copy())
+Boxes = tuple[np.ndarray, np.ndarray]
 
 
-def stillness(x: np.ndarray) -> Stillness:
-    """Return the stillness of bodies that begin to be watched at positions x (B, 3, n)."""
-    return Stillness(x.copy(), np.zeros(len(x), dtype=np.int64))
+def is_awake(state: State) -> np.ndarray:
+    """Return which bodies are awake, (B,) bool."""
+    return state.still_samples < SAMPLES_TO_SLEEP
 
 
-def look(watched: Stillness, x: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return how far bodies have moved since the last look, (B,), in RMS radii; look again."""
-    way = np.abs(x - watched.anchor).max(axis=(1, 2)) / rest.scale
-    watched.anchor[:] = x
-    return way
+def begin_watching(state: State, indices: Iterable[int]) -> None:
+    """Wake bodies, and measure their displacements from the present positions."""
+    for index in indices:
+        state.anchor[:, state.columns(index)] = state.positions(index)
+        state.still_samples[index] = 0
 
 
-def lying(
-    x: np.ndarray,
-    rest: RestShape,
-    gains: Gains,
+def body_boxes(state: State) -> Boxes:
+    """Return corners (B, 3) of the bounding boxes of all bodies, with their thickness, m."""
+    count = len(state.bodies)
+    margin = state.bodies['thickness'] + AT_REST * state.scales
+    low, high = np.empty((count, 3)), np.empty((count, 3))
+    bound_bodies(state.bodies, np.arange(count), state.x, 0, margin, low, high)
+    return low, high
+
+
+def update_sleep(
+    state: State,
     obstacles: Sequence[Obstacle],
+    records: np.ndarray,
+    trees: Trees,
     points: PointObstacles,
-    pinned: Mapping[int, Pins],
+    pinned: tuple[np.ndarray, np.ndarray],
     fall: float,
-) -> np.ndarray:
+) -> None:
     """
-    Return which bodies lie on something that does not move, (B,) bool.
+    Sample the displacements of bodies since the last sample, and put islands at rest to sleep.
 
     Parameters
     ----------
-    x : (B, 3, n) float
-        m
-    rest : RestShape
-    gains : Gains
+    state : State
+        `anchor` and `still_samples` are changed
     obstacles : sequence of Obstacle
+    records, trees
+        the obstacles for kernels
     points : PointObstacles
-    pinned : mapping of int to Pins
-        by row
+    pinned : (B,) bool, (B,) bool
+        bodies with fixed pins, and with moving pins
     fall : float
-        way that gravity leads to in a tick, m: so high above the ground a body may be held
+        displacement by gravity in a tick, m: a resting body may be that far above the ground
 
     """
-    reach = gains.thickness + QUIET * rest.scale + fall
-    on_something = np.zeros(len(x), dtype=bool)
-    for obstacle in obstacles:
-        on_something[soft_obstacle.find(x, obstacle, reach).body] = True
-    for row, pins in pinned.items():
-        on_something[row] = not pins.moves
-    if len(points):
-        low, high = x.min(axis=2), x.max(axis=2)
-        on_something[points.inside(low - reach[:, None], high + reach[:, None])[0]] = True
-    return on_something
+    bodies, count = state.bodies, len(state.bodies)
+    displacement = np.empty(count)
+    displacements(bodies, state.x, state.anchor, displacement)
+    displacement /= state.scales
+    if not (displacement < AT_REST_IN_ISLAND).any():
+        state.still_samples[:] = 0
+        return
+    reach = bodies['thickness'] + AT_REST * state.scales + fall
+    fixed, driven = pinned
+    supported = fixed.copy()
+    find_supported(bodies, state.x, reach, records, trees, supported)
+    supported &= ~driven
+    island, is_disturbed = np.zeros(count, np.int64), np.zeros(count, dtype=bool)
+    if count > 1 or len(points) or any(obstacle.moves for obstacle in obstacles):
+        boxes = body_boxes(state)
+        is_disturbed = disturbed(boxes, obstacles)
+        supported |= points.touched(boxes[0] - fall, boxes[1] + fall)
+        island = islands(count, *overlapping(*boxes))
+    count_still_samples(island, displacement, is_disturbed, supported, state.still_samples)
 
 
-def stirred(low: np.ndarray, high: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
+@kernel
+def count_still_samples(
+    island: np.ndarray,
+    displacement: np.ndarray,
+    disturbed: np.ndarray,
+    supported: np.ndarray,
+    still_samples: np.ndarray,
+) -> None:
     """
-    Return which bodies moving obstacles are at or come to soon, (C,) bool.
+    Count consecutive samples at which islands were at rest and supported.
+
+    The count of an island is that of its newest member.
 
     Parameters
     ----------
-    low, high : (C, 3) float
-        corners of boxes around the bodies, m
-    obstacles : sequence of Obstacle
+    island : (B,) int
+        index of the island of each body
+    displacement : (B,) float
+        since the last sample, RMS radii
+    disturbed, supported : (B,) bool
+        by moving obstacles; by pins, obstacles or points at rest
+    still_samples : (B,) int
+        changed
 
     """
-    result = np.zeros(len(low), dtype=bool)
+    size, least = np.zeros(len(island), np.int64), np.full(len(island), SAMPLES_TO_SLEEP)
+    is_at_rest, has_support = np.ones(len(island), np.bool_), np.zeros(len(island), np.bool_)
+    for k in range(len(island)):
+        size[island[k]] += 1
+    for k in range(len(island)):
+        number = island[k]
+        limit = AT_REST_IN_ISLAND if size[number] > 1 else AT_REST
+        is_at_rest[number] = is_at_rest[number] and displacement[k] < limit and not disturbed[k]
+        has_support[number] = has_support[number] or supported[k]
+        least[number] = min(least[number], still_samples[k])
+    for k in range(len(island)):
+        number = island[k]
+        still_samples[k] = least[number] + 1 if is_at_rest[number] and has_support[number] else 0
+
+
+def wake_touching(state: State, boxes: Boxes, obstacles: Sequence[Obstacle]) -> None:
+    """Wake islands with a body that is awake, or disturbed by a moving obstacle."""
+    awake = is_awake(state)
+    island = islands(len(awake), *overlapping(*boxes))
+    wakes = np.zeros(island.max() + 1, dtype=bool)
+    wakes[island[awake | disturbed(boxes, obstacles)]] = True
+    state.still_samples[wakes[island] & ~awake] = 0
+
+
+def disturbed(boxes: Boxes, obstacles: Sequence[Obstacle]) -> np.ndarray:
+    """Return which boxes moving obstacles reach before the next sample, (B,) bool."""
+    result = np.zeros(len(boxes[0]), dtype=bool)
     for obstacle in obstacles:
         if obstacle.moves:
-            distance = bounding_boxes.distances(low, high, obstacle.position)
-            speed = np.linalg.norm(obstacle.config.velocity_linear)
-            result |= distance <= obstacle.radius + speed * WATCH
+            speed = float(np.linalg.norm(obstacle.config.velocity_linear))
+            result |= near_obstacle(boxes, obstacle, speed * SAMPLE_INTERVAL)
     return result
 
 
-def fall_asleep(
-    watched: Sequence[Stillness],
-    way: np.ndarray,
-    lies: np.ndarray,
-    stirs: np.ndarray,
-    neighbours: tuple[np.ndarray, np.ndarray],
-) -> None:
+def near_obstacle(boxes: Boxes, obstacle: Obstacle, reach: float | np.ndarray) -> np.ndarray:
+    """Return which boxes (B,) bool are within a reach, m, or reaches (B,), of an obstacle."""
+    low, high = boxes
+    if obstacle.config.type == 'plane':
+        normal = obstacle.rotation[:, 2]
+        lowest = np.where(normal > 0.0, low, high) @ normal
+        return lowest <= obstacle.position @ normal + reach
+    half = np.abs(obstacle.rotation) @ np.array(obstacle.shape.half_extents)
+    half = half + np.asarray(reach)[..., None]
+    gap = np.maximum(low - obstacle.position - half, obstacle.position - half - high)
+    return (gap <= 0.0).all(axis=1)
+
+
+def islands(count: int, one: np.ndarray, two: np.ndarray) -> np.ndarray:
     """
-    Count the looks of bodies that lie still, in place; a heap falls asleep as a whole.
+    Return the index (count,) of the island of each body: connected components of contact.
 
     Parameters
     ----------
-    watched : sequence of Stillness
-    way : (C,) float
-        of all bodies of all of them, see `look`
-    lies, stirs : (C,) bool
-        see `lying` and `stirred`
-    neighbours : (p,) int, (p,) int
-        bodies that may touch each other
+    count : int
+    one, two : (p,) int
+        pairs of bodies in contact
 
     """
-    heap = heaps(len(way), *neighbours)
-    size = np.bincount(heap)
-    moves, held = np.zeros(len(size), dtype=bool), np.zeros(len(size), dtype=bool)
-    moves[heap[stirs | (way >= np.where(size[heap] > 1, QUIET_IN_HEAP, QUIET))]] = True
-    held[heap[lies]] = True
-    # who has just come to the others has to be still for as long as they
-    least = np.full(len(size), QUIET_LOOKS)
-    np.minimum.at(least, heap, np.concatenate([each.quiet_looks for each in watched]))
-    looks = np.where(held & ~moves, least + 1, 0)[heap]
-    for each, part in zip(watched, _parted(looks, watched), strict=True):
-        each.quiet_looks = part
+    parent = np.arange(count)
+    join(parent, one, two)
+    return np.unique(parent, return_inverse=True)[1] if len(one) else parent
 
 
-def wake_neighbours(
-    watched: Sequence[Stillness], stirs: np.ndarray, neighbours: tuple[np.ndarray, np.ndarray]
+@kernel
+def join(parent: np.ndarray, one: np.ndarray, two: np.ndarray) -> None:
+    """Write the first body of the island of each (union-find with path halving)."""
+    for k in range(len(one)):
+        a, b = one[k], two[k]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        parent[max(a, b)] = min(a, b)
+    # a parent comes before its children
+    for k in range(len(parent)):
+        parent[k] = parent[parent[k]]
+
+
+@kernel
+def displacements(
+    bodies: np.ndarray, x: np.ndarray, anchor: np.ndarray, result: np.ndarray
 ) -> None:
-    """Wake the bodies of heaps in which one is awake, or stirred (C,) bool, in place."""
-    awake = np.concatenate([each.awake for each in watched])
-    heap = heaps(len(awake), *neighbours)
-    wakes = np.zeros(heap.max() + 1, dtype=bool)
-    wakes[heap[awake | stirs]] = True
-    for each, part in zip(watched, _parted(wakes[heap] & ~awake, watched), strict=True):
-        each.quiet_looks[part] = 0
+    """Write the largest displacements since the last sample, m, and take a new sample."""
+    for index in range(len(bodies)):
+        body = bodies[index]
+        largest = 0.0
+        for axis in range(3):
+            row = x[body['now'], axis, body['first'] : body['first'] + body['count']]
+            last = anchor[axis, body['first'] : body['first'] + body['count']]
+            for i in range(len(row)):
+                largest = max(largest, abs(row[i] - last[i]))
+                last[i] = row[i]
+        result[index] = largest
 
 
-def _parted(values: np.ndarray, watched: Sequence[Stillness]) -> list[np.ndarray]:
-    """Return values (C,) of all bodies as those of each batch."""
-    return np.split(values, np.cumsum([len(each.quiet_looks) for each in watched])[:-1])
-
-
-def heaps(bodies: int, one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    """Return the number (C,) of the heap of each body: those that touch belong together."""
-    if not len(one):
-        return np.arange(bodies)
-    graph = csr_array((np.ones(len(one)), (one, two)), shape=(bodies, bodies))
-    return connected_components(graph, directed=False)[1]
+@kernel
+def find_supported(
+    bodies: np.ndarray,
+    x: np.ndarray,
+    reach: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    result: np.ndarray,
+) -> None:
+    """Set which bodies (B,) bool are within a distance (B,), m, of an obstacle at rest."""
+    nothing = np.empty(0, CONTACT)
+    for index in range(len(bodies)):
+        body = bodies[index]
+        state = x[body['now']]
+        for number in range(len(obstacles)):
+            if result[index]:
+                break
+            if not obstacles[number]['moves']:
+                found = find_contacts(
+                    obstacles[number], trees, state, state, body['first'], body['count'],
+                    reach[index], False, nothing, 0,
+                )  # fmt: skip
+                result[index] = found > 0

@@ -4,20 +4,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, TypeVar
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import poke, sleeping
-from softbody_ros.core.basis import POSITION
 from softbody_ros.core.collision import obstacles
-from softbody_ros.core.collision.collision_surface import Skin
-from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.collision.collision_surface import CollisionSurface, CollisionSurfaces
+from softbody_ros.core.collision.obstacles import Obstacle, ObstacleTable
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import (
     BodyConfig,
@@ -27,77 +28,56 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
-from softbody_ros.core.contact import body_body
 from softbody_ros.core.external_inputs import (
     EVERY_BODY,
-    Outside,
-    Placement,
-    Removal,
+    ExternalInputs,
+    ObstacleRemoval,
+    ObstacleUpdate,
     Wrench,
     ticks_of,
 )
-from softbody_ros.core.geometry import bounding_boxes
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
-from softbody_ros.core.shape_matching import dynamics, matching, plasticity, rigid_motion
-from softbody_ros.core.shape_matching.dynamics import Batch, Flight
-from softbody_ros.core.shape_matching.gains import Gains, make_gains, natural_frequency
-from softbody_ros.core.shape_matching.pins import Pins, make_pins, pinned_particles
-from softbody_ros.core.shape_matching.polar_decomposition import rotation
+from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
+from softbody_ros.core.shape_matching.gains import natural_frequency, put_gains
+from softbody_ros.core.shape_matching.pins import make_pins, pinned_particles
+from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
 from softbody_ros.core.shape_matching.regions import Regions, make_regions
-from softbody_ros.core.shape_matching.rest_shape import RestShape, make_rest_shape
-from softbody_ros.core.sleeping import Stillness
-from softbody_ros.core.sums import weighted
-from softbody_ros.core.tick import SimulationError
+from softbody_ros.core.shape_matching.rest_shape import (
+    RestShape,
+    make_rest_shape,
+    weighted_mean,
+)
+from softbody_ros.core.state import Body, BodyState, State
+from softbody_ros.core.step import Environment, Integrator, SimulationError
 
-Result = TypeVar('Result')
+START_STATE = (
+    'position',
+    'orientation',
+    'initial_velocity_linear',
+    'initial_velocity_angular',
+)
+"""Settings of a body that take effect on `reset` and `apply_initial_velocity`."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A copy of the state: restoring it continues bit by bit as before."""
+    """
+    A copy of the state: simulation from it is reproduced bit by bit.
+
+    It includes the bodies and obstacles at that time: restoring it undoes later additions and
+    removals.
+    """
 
     tick: int
-    x: tuple[np.ndarray, ...]
-    v: tuple[np.ndarray, ...]
-    plastic: tuple[np.ndarray | None, ...]
-    reaction: tuple[np.ndarray, ...]
-    watched: tuple[Stillness, ...]
+    bodies: tuple[Body, ...]
+    states: tuple[BodyState, ...]
     obstacles: tuple[Obstacle, ...]
-    outside: Outside
+    inputs: ExternalInputs
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes."""
-        arrays = [*self.x, *self.v, *(array for array in self.plastic if array is not None)]
-        arrays += [watched.anchor for watched in self.watched]
-        return sum(array.nbytes for array in arrays) + self.outside.nbytes
-
-
-@dataclass(frozen=True)
-class RigidFit:
-    """
-    The rigid motion that comes nearest to a deformed body.
-
-    Attributes
-    ----------
-    position : (3,) float
-        of the origin of the body's own frame, m
-    rotation : (3, 3) float
-        from the body's own frame to the world
-    linear_velocity : (3,) float
-        of that origin, m/s, world axes
-    angular_velocity : (3,) float
-        rad/s, world axes
-    displacement : (n,) float
-        distance of each particle from the rest shape at this pose, m
-
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
-    linear_velocity: np.ndarray
-    angular_velocity: np.ndarray
-    displacement: np.ndarray
+        """Bytes of memory."""
+        return sum(state.nbytes for state in self.states) + self.inputs.nbytes
 
 
 class World:
@@ -112,8 +92,6 @@ class World:
     Parameters
     ----------
     config : WorldConfig
-    dtype : numpy float type
-        of positions and velocities
 
     Raises
     ------
@@ -122,37 +100,20 @@ class World:
 
     """
 
-    def __init__(self, config: WorldConfig, dtype: type = np.float64) -> None:
+    def __init__(self, config: WorldConfig) -> None:
         self.config = config
         self.tick = 0
-        self._dtype = dtype
+        self._inputs = ExternalInputs()
+        self._shapes: dict[tuple, tuple[RestShape, Regions | None]] = {}
+        self._surfaces: dict[tuple[int, int], CollisionSurface] = {}
+        self._obstacle_table = ObstacleTable()
+        self._bodies = [self._make_body(body) for body in config.bodies]
         self._obstacles = tuple(obstacles.made(item) for item in config.obstacles)
-        self._outside = Outside()
-        self._index = {body.name: index for index, body in enumerate(config.bodies)}
-        self._members = _members_by_shape(config.bodies)
-        self._place = {
-            name: (batch, row)
-            for batch, members in enumerate(self._members)
-            for row, name in enumerate(members)
-        }
-        self._rests = [
-            _rest_shape_of(self.body_config(names[0]), dtype) for names in self._members
-        ]
-        self._batches: list[Batch] = []
-        self._watched: list[Stillness] = []
-        self._regions = [
-            _regions_of(self.body_config(names[0]), rest)
-            for names, rest in zip(self._members, self._rests, strict=True)
-        ]
-        self._skins = [
-            Skin(rest, parts) for rest, parts in zip(self._rests, self._regions, strict=True)
-        ]
-        if len(config.bodies) > 1:
-            for skin in self._skins:
-                skin.prepare()
-        self._gains = self._gains_of(config)
-        self._pinned: list[dict[int, Pins]] = [{} for _ in self._members]
-        self._update_pins()
+        self._awake: np.ndarray | None = None
+        self._environment: Environment
+        self._build()
+        if len(self._bodies) > 1:
+            _ = self._environment.surfaces.arrays  # now, not in the tick of the first contact
         self.reset()
 
     # ------------------------------------------------------------------------------------- time
@@ -168,147 +129,186 @@ class World:
         Raises
         ------
         SimulationError
-            if a number would not be finite; the state is that of the last good tick.
+            if a number is not finite; the state remains that of the last good tick.
 
         """
         for _ in range(ticks):
             self._step()
 
+    def load_kernels(self) -> None:
+        """Take a tick and undo it: what it compiles, or loads, does not delay the first one."""
+        saved = self.snapshot()
+        with suppress(SimulationError):
+            self._step()
+        self._update_sleep()
+        if self._bodies:
+            self.rigid_fit(self.names[0])
+        self.restore(saved)
+
     def _step(self) -> None:
-        h, outside = self.config.time_step, self._outside.moved(self.config.time_step)
-        moved = tuple(obstacles.moved(obstacle, h) for obstacle in self._obstacles)
-        there = moved + outside.obstacles
-        self._push()
-        self._wake_neighbours()
-        awake = [np.flatnonzero(watched.awake) for watched in self._watched]
-        with np.errstate(over='ignore', invalid='ignore'):
-            flights = {
-                index: self._computed(self._members[index], self._fly, index, rows)
-                for index, rows in enumerate(awake)
-                if len(rows)
-            }
-            skins = [self._skins[index] for index in flights]
-            meeting = (list(flights.values()), skins, there, outside.points)
-            self._computed(self.names, body_body.meet, *meeting)
-            for index, flight in flights.items():
-                self._computed(self._members[index], dynamics.land, flight, there)
-        for index, flight in flights.items():
-            batch = self._batches[index]
-            if flight.batch is not batch:
-                batch.take(flight.batch, awake[index])
-            batch.swap()
-        self._obstacles, self._outside = moved, outside
-        self.tick += 1
-        self._let(self._outside.at(self.tick))
-        if self.tick % max(round(sleeping.WATCH / h), 1) == 0:
-            self._watch()
-
-    def _fly(self, index: int, awake: np.ndarray) -> Flight:
-        """Let those bodies of a batch fly that are awake, given as indices."""
-        batch, gains, pinned = self._batches[index], self._gains[index], self._pinned[index]
-        gravity, h = self.gravity, self.config.time_step
-        if len(awake) == len(batch.x):
-            return dynamics.fly(batch, gains, pinned, gravity, h)
-        places = {row: place for place, row in enumerate(awake.tolist())}
-        part_pinned = {places[row]: pins for row, pins in pinned.items() if row in places}
-        return dynamics.fly(batch.part(awake), gains.of(awake), part_pinned, gravity, h)
-
-    def _computed(
-        self, names: Sequence[str], stage: Callable[..., Result], *arguments: Any
-    ) -> Result:
-        """Compute a stage of a tick; what goes wrong with it says which bodies it concerns."""
+        h = self.config.time_step
+        inputs, moved = self._inputs.moved(h), self._obstacles
+        if self._obstacles_move:
+            moved = tuple(obstacles.moved(obstacle, h) for obstacle in moved)
+        environment = self._environment_of(moved + inputs.obstacles, inputs)
+        if inputs.wrenches or self._any_wrench:
+            self._apply_wrenches()
+        if self._awake is None or len(self._awake) < len(self._bodies):
+            self._wake_touching()
+        assert self._awake is not None
         try:
-            return stage(*arguments)
-        except (SimulationError, np.linalg.LinAlgError) as error:
+            self._integrator.take_tick(self._awake, environment, h)
+        except SimulationError as error:
+            why, name = error.args
             raise SimulationError(
-                f'tick {self.tick + 1} of {", ".join(names)} cannot be computed ({error}): the '
-                f'state stays at tick {self.tick}, reset it or lower the velocities'
+                f'tick {self.tick + 1} of {name} cannot be computed ({why}): the state stays at '
+                f'tick {self.tick}, reset it or lower the velocities'
             ) from error
+        if moved is not self._obstacles:
+            self._set_obstacles(moved)
+        self._inputs = inputs
+        self.tick += 1
+        after = inputs.at(self.tick)
+        if after is not inputs:
+            self._set_inputs(after)
+        if self.tick % self._sleep_interval == 0:
+            self._update_sleep()
 
-    def _watch(self) -> None:
-        """Look which bodies have come to rest: those get zero velocities."""
-        if not any(watched.awake.any() for watched in self._watched):
-            return
-        there, points = self.obstacles, self._outside.points
-        still = [obstacle for obstacle in there if not obstacle.moves]
-        fall = 0.5 * float(np.linalg.norm(self.gravity)) * self.config.time_step**2
-        way, lies = [], []
-        for batch, watched, gains, pinned in zip(
-            self._batches, self._watched, self._gains, self._pinned, strict=True
+    def _environment_of(
+        self, present: tuple[Obstacle, ...], inputs: ExternalInputs
+    ) -> Environment:
+        """Return the environment of a tick, the same object as long as nothing changes."""
+        environment, gravity = self._environment, self._config_gravity
+        if inputs.gravity is not None:
+            gravity = inputs.gravity
+        if (
+            present is environment.obstacles
+            and gravity is environment.gravity
+            and inputs.points is environment.points
         ):
-            way.append(sleeping.look(watched, batch.x, batch.rest))
-            lies.append(sleeping.lying(batch.x, batch.rest, gains, still, points, pinned, fall))
-        low, high = self._boxes()
-        sleeping.fall_asleep(
-            self._watched,
-            np.concatenate(way),
-            np.concatenate(lies),
-            sleeping.stirred(low, high, there),
-            bounding_boxes.overlapping(low, high),
+            return environment
+        records, trees = self._obstacle_table.refresh(present)
+        self._environment = Environment(
+            gravity, present, records, trees, inputs.points, environment.surfaces
         )
-        for batch, watched, pinned in zip(self._batches, self._watched, self._pinned, strict=True):
-            batch.v[~watched.awake] = 0.0
-            resting = np.setdiff1d(np.flatnonzero(~watched.awake), list(pinned))
-            batch.reaction[resting] = -np.stack([self.gravity, np.zeros(3)])
+        return self._environment
 
-    def _wake_neighbours(self) -> None:
-        """Wake sleepers that something comes near to: those who are awake, moving obstacles."""
-        if all(watched.awake.all() for watched in self._watched):
+    def _apply_wrenches(self) -> None:
+        """Accumulate applied wrenches per body and wake those bodies."""
+        wrenches, records = self._inputs.wrenches, self._state.bodies
+        records['wrench'] = 0.0
+        common = wrenches.get(EVERY_BODY)
+        for index, body in enumerate(self._bodies):
+            name = body.config.name
+            applied = [wrench for wrench in (common, wrenches.get(name)) if wrench is not None]
+            records['has_wrench'][index] = bool(applied)
+            for wrench in applied:
+                wrench_per_mass = np.stack([wrench.force, wrench.torque]) / body.config.mass
+                records['wrench'][index, int(wrench.in_body_axes)] += wrench_per_mass
+                self._wake(index)
+        self._any_wrench = bool(wrenches)
+
+    # --------------------------------------------------------------------------------- sleeping
+    def _wake(self, indices: int | np.ndarray | slice) -> None:
+        self._state.still_samples[indices] = 0
+        self._awake = None
+
+    def _find_awake(self) -> None:
+        self._awake = np.flatnonzero(sleeping.is_awake(self._state))
+
+    def _update_sleep(self) -> None:
+        """Sample the displacements of bodies; those that fall asleep get zero velocities."""
+        if self._awake is None:
+            self._find_awake()
+        assert self._awake is not None
+        if not len(self._awake):
             return
-        there = self.obstacles
-        moving = any(obstacle.moves for obstacle in there)
-        if moving or any(watched.awake.any() for watched in self._watched):
-            low, high = self._boxes()
-            neighbours = bounding_boxes.overlapping(low, high)
-            sleeping.wake_neighbours(self._watched, sleeping.stirred(low, high, there), neighbours)
+        environment = self._environment_of(self.obstacles, self._inputs)
+        gravity = environment.gravity
+        fall = 0.5 * float(np.linalg.norm(gravity)) * self.config.time_step**2
+        sleeping.update_sleep(
+            self._state,
+            environment.obstacles,
+            environment.records,
+            environment.trees,
+            environment.points,
+            self._pinned,
+            fall,
+        )
+        self._find_awake()
+        if len(self._awake) == len(self._bodies):
+            return
+        for index in np.flatnonzero(~sleeping.is_awake(self._state)).tolist():
+            self._state.velocities(index)[:] = 0.0
+            if self._bodies[index].pins is None:
+                self._state.reaction[index] = -np.stack([gravity, np.zeros(3)])
 
-    def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return corners (C, 3) of boxes around all bodies, batch by batch, m."""
-        corners = [(np.zeros((0, 3)), np.zeros((0, 3)))]
-        for batch, gains in zip(self._batches, self._gains, strict=True):
-            reach = (gains.thickness + sleeping.QUIET * batch.rest.scale)[:, None]
-            low, high = bounding_boxes.bounds(batch.x)
-            corners.append((low - reach, high + reach))
-        lowest, highest = zip(*corners, strict=True)
-        return np.concatenate(lowest), np.concatenate(highest)
+    def _wake_touching(self) -> None:
+        """Wake bodies asleep that awake bodies or moving obstacles touch."""
+        if self._awake is None:
+            self._find_awake()
+        assert self._awake is not None
+        if len(self._awake) == len(self._bodies):
+            return
+        present = self.obstacles
+        if len(self._awake) or any(obstacle.moves for obstacle in present):
+            sleeping.wake_touching(self._state, self._boxes(), present)
+            self._find_awake()
+
+    def _boxes(self) -> sleeping.Boxes:
+        return sleeping.body_boxes(self._state)
+
+    def _wake_near(self, changed: Iterable[Obstacle]) -> None:
+        """Wake the bodies near obstacles, given at their old and new poses."""
+        boxes = None
+        reach = sleeping.NEAR * self._state.scales
+        for obstacle in changed:
+            boxes = self._boxes() if boxes is None else boxes
+            self._wake(sleeping.near_obstacle(boxes, obstacle, reach))
 
     # ------------------------------------------------------------------------------------ state
     def reset(self) -> None:
         """
-        Return to tick 0: rest shapes at their start poses, initial velocities, no dents.
+        Return to tick 0: undeformed bodies at their start poses with initial velocities.
 
-        What others have put in the way is theirs and stays there; wrenches and a gravity of their
-        own end.
+        Obstacles and points received at run time stay; wrenches and a gravity override end.
         """
-        self._outside = self._outside.begun_anew(self.tick)
+        self._inputs = self._inputs.reset(self.tick)
         self.tick = 0
-        self._obstacles = tuple(
-            obstacles.placed(config, current.faces)
-            for config, current in zip(self.config.obstacles, self._obstacles, strict=True)
+        self._set_obstacles(
+            tuple(
+                obstacles.placed(config, current.tree)
+                for config, current in zip(self.config.obstacles, self._obstacles, strict=True)
+            )
         )
-        self._batches = []
-        for names, rest, parts in zip(self._members, self._rests, self._regions, strict=True):
-            particles: np.ndarray = np.zeros((len(names), 6, rest.particle_count), self._dtype)
-            for name, each in zip(names, particles, strict=True):
-                each[POSITION] = _start_positions(self.body_config(name), rest)
-            self._batches.append(Batch(rest, parts, particles))
-        self._watched = [sleeping.stillness(batch.x) for batch in self._batches]
-        self.apply_initial_velocity()
+        for index in range(len(self._bodies)):
+            self._reset_body(index)
+
+    def _reset_body(self, index: int) -> None:
+        """Put a body into its initial state."""
+        state, body = self._state, self._bodies[index]
+        state.positions(index)[:] = _start_positions(body.config, body.rest)
+        state.set_plastic_state(index, None)
+        state.reaction[index] = 0.0
+        sleeping.begin_watching(state, [index])
+        self._apply_initial_velocity(index)
 
     def apply_initial_velocity(self) -> None:
-        """Give each body its initial velocity, rigidly about its centre; the shape stays."""
-        for name in self._place:
-            batch, row = self._state(name)
-            config = self.body_config(name)
-            centre = weighted(batch.x[row], batch.rest.weights)
-            arms = batch.x[row] - centre[:, None]
-            linear = np.array(config.initial_velocity_linear)
-            batch.v[row] = _twist(linear, np.array(config.initial_velocity_angular), arms)
-            self._wake(name)
+        """Set the velocities of each body to its initial velocity; positions stay."""
+        for index in range(len(self._bodies)):
+            self._apply_initial_velocity(index)
+
+    def _apply_initial_velocity(self, index: int) -> None:
+        body, x = self._bodies[index], self._state.positions(index)
+        centre = weighted_mean(x.T, body.rest.weights)
+        linear = np.array(body.config.initial_velocity_linear)
+        angular = np.array(body.config.initial_velocity_angular)
+        self._state.velocities(index)[:] = rigid_field(linear, angular, x - centre[:, None])
+        self._wake(index)
 
     def place(self, name: str, position: np.ndarray, rotation: np.ndarray) -> None:
         """
-        Move a body as it is, deformed or not, to a pose of its own frame; its twist stays.
+        Move a body with its present shape to a pose of its own frame; its twist stays.
 
         Parameters
         ----------
@@ -318,19 +318,21 @@ class World:
         rotation : (3, 3) float
 
         """
-        batch, row = self._state(name)
-        fit = self.rigid_fit(name)
-        turn = rotation @ fit.rotation.T
-        arms = batch.x[row] - fit.position[:, None]
-        deforming = batch.v[row] - _twist(fit.linear_velocity, fit.angular_velocity, arms)
-        arms = turn @ arms
-        batch.x[row] = arms + position[:, None]
-        batch.v[row] = turn @ deforming + _twist(fit.linear_velocity, fit.angular_velocity, arms)
-        self._wake(name)
+        index, fit = self._index_of(name), self.rigid_fit(name)
+        x, v = self._state.positions(index), self._state.velocities(index)
+        rotation_change = rotation @ fit.rotation.T
+        arms = x - fit.position[:, None]
+        deformation_velocity = v - rigid_field(fit.linear_velocity, fit.angular_velocity, arms)
+        arms = rotation_change @ arms
+        x[:] = arms + position[:, None]
+        v[:] = rotation_change @ deformation_velocity + rigid_field(
+            fit.linear_velocity, fit.angular_velocity, arms
+        )
+        self._wake(index)
 
     def set_twist(self, name: str, linear: np.ndarray, angular: np.ndarray) -> None:
         """
-        Let a body move as if it were rigid; its shape stays.
+        Set the velocities of a body to a rigid motion; positions stay.
 
         Parameters
         ----------
@@ -341,71 +343,228 @@ class World:
             rad/s, world axes
 
         """
-        batch, row = self._state(name)
-        arms = batch.x[row] - self.rigid_fit(name).position[:, None]
-        batch.v[row] = _twist(linear, angular, arms)
-        self._wake(name)
+        index = self._index_of(name)
+        arms = self._state.positions(index) - self.rigid_fit(name).position[:, None]
+        self._state.velocities(index)[:] = rigid_field(linear, angular, arms)
+        self._wake(index)
+
+    def set_state(
+        self, name: str, positions: ArrayLike | None = None, velocities: ArrayLike | None = None
+    ) -> None:
+        """
+        Set positions (n, 3), m, or velocities (n, 3), m/s, of a body, and wake it.
+
+        Raises
+        ------
+        ConfigError
+            if the shape of an array is wrong; nothing has changed then.
+
+        """
+        index = self._index_of(name)
+        count = self._bodies[index].rest.particle_count
+        x = None if positions is None else _rows(positions, count, f'positions of {name}')
+        v = None if velocities is None else _rows(velocities, count, f'velocities of {name}')
+        if x is not None:
+            self._state.positions(index)[:] = x.T
+        if v is not None:
+            self._state.velocities(index)[:] = v.T
+        self._wake(index)
 
     def snapshot(self) -> Snapshot:
         """Return a copy of the state."""
-        return Snapshot(
-            self.tick,
-            tuple(batch.x.copy() for batch in self._batches),
-            tuple(batch.v.copy() for batch in self._batches),
-            tuple(batch.plastic for batch in self._batches),
-            tuple(batch.reaction.copy() for batch in self._batches),
-            tuple(watched.copy() for watched in self._watched),
-            self._obstacles,
-            self._outside,
-        )
+        states = tuple(self._state.save(index) for index in range(len(self._bodies)))
+        bodies = tuple(dataclasses.replace(body) for body in self._bodies)
+        return Snapshot(self.tick, bodies, states, self._obstacles, self._inputs)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Return to the state of a snapshot of this world."""
-        self.tick = snapshot.tick
-        self._obstacles = tuple(
-            dataclasses.replace(saved, config=config)
-            for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
-        )
-        self._outside = snapshot.outside
-        self._watched = [watched.copy() for watched in snapshot.watched]
-        for batch, x, v, plastic, reaction in zip(
-            self._batches,
-            snapshot.x,
-            snapshot.v,
-            snapshot.plastic,
-            snapshot.reaction,
-            strict=True,
-        ):
-            batch.x[:], batch.v[:], batch.plastic = x, v, plastic
-            batch.reaction = reaction.copy()
+        """
+        Return to the state of a snapshot of this world, including its bodies and obstacles.
 
-    # -------------------------------------------------------------------------- from the outside
+        Those that are present, or present again, keep the parameters that they have now.
+        """
+        self._restore_structure(snapshot)
+        self.tick = snapshot.tick
+        self._set_obstacles(
+            tuple(
+                _with_config(saved, config)
+                for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
+            )
+        )
+        self._inputs = snapshot.inputs
+        for index, saved in enumerate(snapshot.states):
+            self._state.restore(index, saved)
+        self._awake = None
+
+    # -------------------------------------------------------------------------------- structure
+    def add(self, config: BodyConfig | ObstacleConfig) -> None:
+        """
+        Add a body at its start pose, or an obstacle.
+
+        Raises
+        ------
+        ConfigError, MeshError
+            with one sentence that says what to change; nothing has changed then.
+
+        """
+        if isinstance(config, ObstacleConfig):
+            new = dataclasses.replace(self.config, obstacles=(*self.config.obstacles, config))
+            made = obstacles.made(config)
+            self.config = new
+            self._set_obstacles((*self._obstacles, made))
+            self._wake_near([made])
+            return
+        new = dataclasses.replace(self.config, bodies=(*self.config.bodies, config))
+        body = self._make_body(config)
+        self.config = new
+        self._replace_bodies([*self._bodies, body])
+        self._reset_body(len(self._bodies) - 1)
+
+    def remove(self, name: str) -> None:
+        """
+        Remove a body or an obstacle.
+
+        Raises
+        ------
+        ConfigError
+            if there is none of that name.
+
+        """
+        for index, obstacle in enumerate(self._obstacles):
+            if obstacle.config.name == name:
+                self._wake_near([obstacle])
+                kept = self._obstacles[:index] + self._obstacles[index + 1 :]
+                configs = tuple(each.config for each in kept)
+                self.config = dataclasses.replace(self.config, obstacles=configs)
+                self._set_obstacles(kept)
+                return
+        if name not in self._index:
+            names = (*self.names, *(config.name for config in self.config.obstacles))
+            raise ConfigError(
+                f'there is no body or obstacle {name!r}: {unknown_name(name, names)}'
+            )
+        index = self._index[name]
+        # bodies asleep on top of it must fall
+        low, high = self._boxes()
+        touching = ((low <= high[index]) & (low[index] <= high)).all(axis=1)
+        self._wake(touching)
+        still = np.zeros(3)
+        self._inputs = self._inputs.with_wrench(name, Wrench(still, still, False, 0))
+        others = self._bodies[:index] + self._bodies[index + 1 :]
+        bodies = tuple(body.config for body in others)
+        self.config = dataclasses.replace(self.config, bodies=bodies)
+        self._replace_bodies(others)
+
+    def _make_body(self, config: BodyConfig) -> Body:
+        """Return a body, which shares its rest shape with others of the same mesh."""
+        key = _shape_key(config)
+        if key not in self._shapes:
+            rest = _rest_shape_of(config)
+            self._shapes[key] = rest, _regions_of(config, rest)
+        body = Body(config, *self._shapes[key])
+        body.pins = make_pins(config, body.rest)
+        return body
+
+    def _build(self) -> None:
+        """Build the arrays for the present bodies."""
+        self._index = {body.config.name: index for index, body in enumerate(self._bodies)}
+        self._shapes = {
+            _shape_key(body.config): (body.rest, body.regions) for body in self._bodies
+        }
+        self._state = State(self._bodies)
+        self._awake = None
+        self._any_wrench = False
+        for record, body in zip(self._state.bodies, self._bodies, strict=True):
+            put_gains(record, body.config, self.config.time_step, self.config.reference_step)
+        self._integrator = Integrator(self._state, self._bodies)
+        self._apply_config()
+        self._set_obstacles(self._obstacles)
+
+    def _apply_config(self) -> None:
+        """Update what depends on the config and on the rest shapes."""
+        self._config_gravity = self.config.gravity
+        self._sleep_interval = max(round(sleeping.SAMPLE_INTERVAL / self.config.time_step), 1)
+        fixed = [body.pins is not None and not body.pins.moves for body in self._bodies]
+        driven = [body.pins is not None and body.pins.moves for body in self._bodies]
+        self._pinned = np.array(fixed, dtype=bool), np.array(driven, dtype=bool)
+        # only surfaces in use are kept; their keys are unique while the shapes exist
+        table = zip(self._state.rests, self._state.regions_of, strict=True)
+        before, self._surfaces = self._surfaces, {}
+        for rest, regions in table:
+            key = id(rest), id(regions)
+            self._surfaces[key] = before.get(key) or self._make_surface(rest, regions)
+        records, trees = self._obstacle_table.refresh(self.obstacles)
+        self._environment = Environment(
+            self.gravity,
+            self.obstacles,
+            records,
+            trees,
+            self._inputs.points,
+            CollisionSurfaces(list(self._surfaces.values())),
+        )
+
+    def _make_surface(self, rest: RestShape, regions: Regions | None) -> CollisionSurface:
+        has_body = any(body.rest is rest for body in self._bodies)
+        return CollisionSurface(rest, regions, collidable=has_body)
+
+    def _replace_bodies(self, bodies: Sequence[Body]) -> None:
+        """Replace the set of bodies; those that stay keep their state."""
+        saved = {id(body): self._state.save(index) for index, body in enumerate(self._bodies)}
+        self._bodies = list(bodies)
+        self._build()
+        for index, body in enumerate(self._bodies):
+            if id(body) in saved:
+                self._state.restore(index, saved[id(body)])
+
+    def _restore_structure(self, snapshot: Snapshot) -> None:
+        """Restore the bodies and obstacles of a snapshot; present ones keep their config."""
+        now = {_structure(body.config): body for body in self._bodies}
+        configs = {_structure(config): config for config in self.config.obstacles}
+        bodies = {_structure(body.config): body for body in snapshot.bodies}
+        present = {_structure(saved.config): saved.config for saved in snapshot.obstacles}
+        others = list(bodies) != list(now)
+        if not others and list(present) == list(configs):
+            return
+        chosen = [now.get(key, dataclasses.replace(body)) for key, body in bodies.items()]
+        self.config = dataclasses.replace(
+            self.config,
+            bodies=tuple(body.config for body in chosen),
+            obstacles=tuple(configs.get(key, config) for key, config in present.items()),
+        )
+        if others:
+            self._replace_bodies(chosen)
+
+    def _set_obstacles(self, present: tuple[Obstacle, ...]) -> None:
+        self._obstacles = present
+        self._obstacles_move = any(
+            obstacle.moves or obstacle.before is not None for obstacle in present
+        )
+
+    # -------------------------------------------------------------------------- external inputs
     def change_obstacles(
-        self, changes: Iterable[Placement | Removal], longest_gap: float = 0.5
+        self, changes: Iterable[ObstacleUpdate | ObstacleRemoval], longest_gap: float = 0.5
     ) -> None:
         """
-        Let others put obstacles in the way, move them, or take them away.
+        Add, move or remove obstacles at run time, in addition to those of the config.
 
-        Poses that are said one after the other make a velocity, with which an obstacle moves on;
-        see `Outside.changed`.
+        An obstacle moves on with the velocity between successive poses; see
+        `ExternalInputs.changed`.
 
         Parameters
         ----------
-        changes : iterable of Placement and Removal
+        changes : iterable of ObstacleUpdate and ObstacleRemoval
         longest_gap : float
-            between two poses that make a velocity, and time for which it is kept up, s
+            largest time between two poses for a velocity, and duration of that motion, s
 
         """
         h = self.config.time_step
-        self._let(self._outside.changed(changes, self.tick, longest_gap, h))
+        self._set_inputs(self._inputs.changed(changes, self.tick, longest_gap, h))
 
     def set_points(self, points: PointObstacles) -> None:
-        """Let other points be in the way, instead of those before."""
-        before, self._outside = self._outside.points, self._outside.with_points(points)
-        # bodies in the same order as their boxes: batch by batch
-        for name, low, high in zip(self._place, *self._boxes(), strict=True):
+        """Replace the point obstacles; wake bodies near points that have changed."""
+        before, self._inputs = self._inputs.points, self._inputs.with_points(points)
+        for index, (low, high) in enumerate(zip(*self._boxes(), strict=True)):
             if not np.array_equal(points.within(low, high), before.within(low, high)):
-                self._wake(name)
+                self._wake(index)
 
     def apply_wrench(
         self,
@@ -416,38 +575,38 @@ class World:
         in_body_axes: bool = False,
     ) -> None:
         """
-        Push and turn a body at its centre of mass for some time, instead of the wrench before.
+        Apply a wrench to a body at its centre of mass for some time, replacing the previous one.
 
-        It acts at every point of the body like gravity, as a rigid field: it moves and turns the
-        body and does not deform it. Momentum and angular momentum that it gives are exact. A zero
-        wrench ends it at once.
+        It accelerates all particles by a rigid field, like gravity: it moves and rotates the body
+        without deforming it. Changes of momentum and angular momentum are exact. A zero wrench
+        ends it at once.
 
         Parameters
         ----------
         name : str or None
-            of the body; None is each of all bodies, besides what acts on them alone
+            of the body; None: on every body, in addition to its own wrench
         force, torque : (3,) float
             N, N m
         seconds : float
         in_body_axes : bool
-            whether both turn with the body, or are in world axes
+            whether both rotate with the body, or are in world axes
 
         """
         if name is not None:
-            self._require_body(name)
+            self._index_of(name)
         ends_at = self.tick + ticks_of(seconds, self.config.time_step)
         force, torque = np.array(force, dtype=float), np.array(torque, dtype=float)
         wrench = Wrench(force, torque, in_body_axes, ends_at)
-        self._let(self._outside.with_wrench(EVERY_BODY if name is None else name, wrench))
+        self._set_inputs(self._inputs.with_wrench(EVERY_BODY if name is None else name, wrench))
 
     def override_gravity(self, gravity: ArrayLike, seconds: float) -> None:
-        """Let another gravity, m/s², act for some time instead of the config's."""
+        """Override the config's gravity for some time, m/s²."""
         ends_at = self.tick + ticks_of(seconds, self.config.time_step)
-        self._let(self._outside.with_gravity(np.array(gravity, dtype=float), ends_at))
+        self._set_inputs(self._inputs.with_gravity(np.array(gravity, dtype=float), ends_at))
 
     def poke(self, point: ArrayLike, impulse: float, radius: float) -> str:
         """
-        Poke the surface that is nearest to a point, inwards; see `poke.velocity_change`.
+        Apply an inward impulse to the surface nearest to a point; see `poke.velocity_change`.
 
         Parameters
         ----------
@@ -456,7 +615,7 @@ class World:
         impulse : float
             N s
         radius : float
-            of the spot, m
+            of the area, m
 
         Returns
         -------
@@ -467,228 +626,257 @@ class World:
         name, distance = self.nearest(point)
         if distance >= radius:
             return ''
-        batch, row = self._state(name)
-        body, x = self.body_config(name), batch.x[row].astype(np.float64)
+        index = self._index_of(name)
+        body = self._bodies[index]
         frequency = 0.0
-        if body.mode != 'rigid':
-            frequency = natural_frequency(body.stiffness, self.config.reference_step)
-        batch.v[row] += poke.velocity_change(
-            x, batch.rest, np.array(point), radius, impulse / body.mass, frequency
+        if body.config.mode != 'rigid':
+            frequency = natural_frequency(body.config.stiffness, self.config.reference_step)
+        self._state.velocities(index)[:] += poke.velocity_change(
+            self._state.positions(index),
+            body.rest,
+            np.array(point),
+            radius,
+            impulse / body.config.mass,
+            frequency,
         )
-        self._wake(name)
+        self._wake(index)
         return name
 
     def nearest(self, point: ArrayLike) -> tuple[str, float]:
-        """Return the body that has a particle nearest to a point, and its distance, m."""
+        """
+        Return the body that has a particle nearest to a point, and its distance, m.
+
+        Without bodies: '' and infinity.
+        """
+        place = np.array(point, dtype=float)[:, None]
         distances = {
-            name: float(np.linalg.norm(self.positions(name) - np.array(point), axis=1).min())
-            for name in self.names
+            name: float(np.linalg.norm(self._state.positions(index) - place, axis=0).min())
+            for name, index in self._index.items()
         }
-        name = min(distances, key=lambda name: distances[name])
-        return name, distances[name]
+        name = min(distances, key=lambda name: distances[name], default='')
+        return name, distances.get(name, math.inf)
 
-    def _let(self, outside: Outside) -> None:
-        """Let something act from now on; bodies wake up if they notice it."""
-        if outside is self._outside:
-            return
-        before, gravity, self._outside = self._outside, self.gravity, outside
-        if not outside.same_guests(before) or (gravity != self.gravity).any():
-            for name in self._place:
-                self._wake(name)
-
-    def _push(self) -> None:
-        """Give the batches their wrenches; whoever is pushed is awake."""
-        wrenches = self._outside.wrenches
-        for batch, names in zip(self._batches, self._members, strict=True):
-            batch.push = None
-            if not wrenches:
-                continue
-            batch.push = np.zeros((len(names), 2, 2, 3))
-            for row, name in enumerate(names):
-                for wrench in (wrenches.get(EVERY_BODY), wrenches.get(name)):
-                    if wrench is not None:
-                        both = np.stack([wrench.force, wrench.torque])
-                        batch.push[row, int(wrench.in_body_axes)] += both
-                        self._wake(name)
-                batch.push[row] /= self.body_config(name).mass
+    def _set_inputs(self, inputs: ExternalInputs) -> None:
+        """Replace the external inputs; wake the bodies that they affect."""
+        before, gravity, self._inputs = self._inputs, self.gravity, inputs
+        if (gravity != self.gravity).any():
+            self._wake(slice(None))
+        self._wake_near(inputs.obstacles_changed_since(before))
 
     # ----------------------------------------------------------------------------------- config
     def configure(self, config: WorldConfig) -> None:
         """
         Use other parameters from the next tick on; positions and velocities stay.
 
-        An obstacle whose pose differs from the old config's is put there; start poses and initial
-        velocities of bodies wait for `reset` and `apply_initial_velocity`.
+        An obstacle is moved if its pose in the config changes; start poses and initial velocities
+        of bodies take effect on `reset` and `apply_initial_velocity`.
 
         Raises
         ------
         ConfigError
-            if a read-only setting differs, or there is no such vertex to pin; nothing has changed
+            if a read-only setting differs, or a pinned vertex does not exist; nothing has changed
             then.
 
         """
         self.check(config)
-        self._obstacles = tuple(
-            _reconfigured(current, new)
-            for current, new in zip(self._obstacles, config.obstacles, strict=True)
+        gravity, old, self.config = self.gravity, self.config, config
+        self._config_gravity = config.gravity
+        if (gravity != self.gravity).any():
+            self._wake(slice(None))
+        for index, (before, after) in enumerate(zip(old.obstacles, config.obstacles, strict=True)):
+            if before != after:
+                self._reconfigure_obstacle(index, after)
+        repinned = False
+        for index, body in enumerate(self._bodies):
+            if body.config != config.bodies[index]:
+                repinned |= self._reconfigure_body(index, config.bodies[index])
+        if repinned:
+            self._state.use_shapes(self._bodies)
+            self._apply_config()
+        self._integrator.update()
+
+    def _reconfigure_obstacle(self, index: int, config: ObstacleConfig) -> None:
+        current = self._obstacles[index]
+        new = _reconfigured(current, config)
+        self._set_obstacles((*self._obstacles[:index], new, *self._obstacles[index + 1 :]))
+        self._wake_near([current, new])
+
+    def _reconfigure_body(self, index: int, config: BodyConfig) -> bool:
+        """Use another config for a body; return whether its pins have changed."""
+        body, old = self._bodies[index], self._bodies[index].config
+        body.config = config
+        record = self._state.bodies[index]
+        put_gains(record, config, self.config.time_step, self.config.reference_step)
+        before, body.pins = body.pins, make_pins(config, body.rest, body.pins)
+        start = {field: getattr(config, field) for field in START_STATE}
+        if dataclasses.replace(old, **start) != config:
+            self._wake(index)
+        same = before is body.pins or (
+            before is not None and body.pins is not None and before.rest is body.pins.rest
         )
-        self._wake_those_that_notice(self.config, config)
-        self.config = config
-        self._gains = self._gains_of(config)
-        self._update_pins()
+        moves = [pins is not None and pins.moves for pins in (before, body.pins)]
+        same = same and moves[0] == moves[1]
+        return not same or (old.mode == 'rigid') != (config.mode == 'rigid')
+
+    def move_obstacle(
+        self,
+        name: str,
+        position: ArrayLike,
+        orientation: ArrayLike | None = None,
+        linear: ArrayLike = (0.0, 0.0, 0.0),
+        angular: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        """
+        Set the pose of an obstacle of the config, and its velocity from then on.
+
+        Parameters
+        ----------
+        name : str
+        position : (3,) float
+            m
+        orientation : (4,) float, optional
+            quaternion x y z w; by default that of its config
+        linear, angular : (3,) float
+            velocity of its origin, m/s, and angular velocity, rad/s, world axes
+
+        Raises
+        ------
+        ConfigError
+            if there is no such obstacle, or a value is invalid; nothing has changed then.
+
+        """
+        names = [obstacle.config.name for obstacle in self._obstacles]
+        if name not in names:
+            raise ConfigError(f'there is no obstacle {name!r}: {unknown_name(name, names)}')
+        index = names.index(name)
+        current = self._obstacles[index]
+        values: dict[str, Any] = {'position': position, 'orientation': orientation}
+        if orientation is None:
+            del values['orientation']
+        values |= {'velocity_linear': linear, 'velocity_angular': angular}
+        config = dataclasses.replace(current.config, **values)
+        new = obstacles.placed(config, current.tree)
+        if obstacles.is_same(current, new):
+            return
+        configs = list(self.config.obstacles)
+        configs[index] = config
+        self.config = dataclasses.replace(self.config, obstacles=tuple(configs))
+        self._set_obstacles((*self._obstacles[:index], new, *self._obstacles[index + 1 :]))
+        self._wake_near([current, new])
+
+    def move_pins(
+        self, name: str, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Set the velocity of pinned vertices, m/s, and rad/s about their centre."""
+        index, bodies = self._index_of(name), list(self.config.bodies)
+        values: dict[str, Any] = {
+            'pins_velocity_linear': linear,
+            'pins_velocity_angular': angular,
+        }
+        bodies[index] = dataclasses.replace(bodies[index], **values)
+        self.configure(dataclasses.replace(self.config, bodies=tuple(bodies)))
 
     def check(self, config: WorldConfig) -> None:
         """Raise ConfigError if `configure` cannot use a config."""
         _require_same_structure(self.config, config)
-        for bodies, rest in zip(self._batched(config), self._rests, strict=True):
-            for body in bodies:
-                pinned_particles(body, rest)
+        for body, new in zip(self._bodies, config.bodies, strict=True):
+            if new is not body.config:
+                pinned_particles(new, body.rest)
 
-    def _wake_those_that_notice(self, old: WorldConfig, new: WorldConfig) -> None:
-        """Wake bodies by a change that matters to them; those of start states do not."""
-        elsewhere = (old.gravity != new.gravity).any() or old.obstacles != new.obstacles
-        for before, after in zip(old.bodies, new.bodies, strict=True):
-            start = {
-                field: getattr(after, field)
-                for field in ('position', 'orientation')
-                + ('initial_velocity_linear', 'initial_velocity_angular')
-            }
-            if elsewhere or dataclasses.replace(before, **start) != after:
-                self._wake(after.name)
+    def adapted(self, config: WorldConfig) -> WorldConfig:
+        """
+        Return a config for `configure` with the present bodies and obstacles.
 
-    def _wake(self, name: str) -> None:
-        batch, row = self._place[name]
-        self._watched[batch].quiet_looks[row] = 0
+        Those that the given config, of another time, contains as well get its parameters.
+        """
+        known: dict[tuple, Any] = {_structure(body): body for body in config.bodies}
+        known |= {_structure(item): item for item in config.obstacles}
+        return dataclasses.replace(
+            config,
+            bodies=tuple(known.get(_structure(body), body) for body in self.config.bodies),
+            obstacles=tuple(known.get(_structure(item), item) for item in self.config.obstacles),
+        )
 
     def body_config(self, name: str) -> BodyConfig:
         """Return the config of a body."""
-        self._require_body(name)
-        return self.config.bodies[self._index[name]]
-
-    def _gains_of(self, config: WorldConfig) -> list[Gains]:
-        return [
-            make_gains(bodies, config.time_step, config.reference_step)
-            for bodies in self._batched(config)
-        ]
-
-    def _update_pins(self) -> None:
-        for batch, bodies in enumerate(self._batched(self.config)):
-            made = {
-                row: make_pins(body, self._rests[batch], self._pinned[batch].get(row))
-                for row, body in enumerate(bodies)
-            }
-            self._pinned[batch] = {row: pins for row, pins in made.items() if pins is not None}
-
-    def _batched(self, config: WorldConfig) -> list[list[BodyConfig]]:
-        return [[config.bodies[self._index[name]] for name in names] for names in self._members]
+        return self.config.bodies[self._index_of(name)]
 
     # ---------------------------------------------------------------------------------- queries
     def contact_wrench(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """
         Return the total force (3,), N, and torque (3,), N m, of all contacts of a body.
 
-        World axes, at the centre of mass; zero where nothing touches.
+        World axes, about the centre of mass; zero without contacts.
         """
-        batch, row = self._state(name)
-        force, torque = self.body_config(name).mass * batch.reaction[row]
+        index = self._index_of(name)
+        force, torque = self._bodies[index].config.mass * self._state.reaction[index]
         return force, torque
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the bodies, in the order of the config."""
-        return tuple(body.name for body in self.config.bodies)
+        return tuple(self._index)
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """The obstacles where they are now: those of the config, then those of others."""
-        return self._obstacles + self._outside.obstacles
+        """The obstacles at their present poses: those of the config, then those received."""
+        return self._obstacles + self._inputs.obstacles
 
     @property
     def gravity(self) -> np.ndarray:
-        """(3,) float: the gravity that acts now, m/s²."""
-        override = self._outside.gravity
-        return self.config.gravity if override is None else override
+        """(3,) float: the present gravity, m/s²."""
+        override = self._inputs.gravity
+        return self._config_gravity if override is None else override
 
     @property
     def point_obstacles(self) -> PointObstacles:
-        """The points that are in the way."""
-        return self._outside.points
+        """The point obstacles."""
+        return self._inputs.points
 
     @property
-    def outside(self) -> Outside:
-        """What others do to this world."""
-        return self._outside
+    def external_inputs(self) -> ExternalInputs:
+        """The external inputs in force."""
+        return self._inputs
 
     def rest_shape(self, name: str) -> RestShape:
         """Return the rest shape of a body."""
-        return self._state(name)[0].rest
+        return self._bodies[self._index_of(name)].rest
 
     def positions(self, name: str) -> np.ndarray:
         """Return (n, 3) float: a copy of the positions, m."""
-        batch, row = self._state(name)
-        return batch.x[row].T.copy()
+        return self._state.positions(self._index_of(name)).T.copy()
 
     def velocities(self, name: str) -> np.ndarray:
         """Return (n, 3) float: a copy of the velocities, m/s."""
-        batch, row = self._state(name)
-        return batch.v[row].T.copy()
+        return self._state.velocities(self._index_of(name)).T.copy()
 
     def is_asleep(self, name: str) -> bool:
-        """Return whether a body lies still and is not simulated until something wakes it."""
-        self._require_body(name)
-        batch, row = self._place[name]
-        return not self._watched[batch].awake[row]
+        """Return whether a body is asleep: at rest, and not simulated until it is woken."""
+        return not sleeping.is_awake(self._state)[self._index_of(name)]
 
     def permanent_strain(self, name: str) -> float:
-        """Return the largest strain of a body, or of its regions, that has become permanent."""
-        batch, row = self._state(name)
-        return 0.0 if batch.plastic is None else plasticity.strain(batch.plastic[row])
+        """Return the largest permanent strain of a body and its regions."""
+        stretch = self._state.plastic_state(self._index_of(name))
+        return 0.0 if stretch is None else largest_permanent_strain(stretch)
 
     def rigid_fit(self, name: str) -> RigidFit:
-        """Return the rigid motion nearest to a body, and how far each particle is from it."""
-        batch, row = self._state(name)
-        rest, x, v = batch.rest, batch.x[row : row + 1], batch.v[row : row + 1]
-        centre, moment = matching.moments(x, rest, 3)
-        rotations = rotation(moment)
-        motion = rigid_motion.rigid_motion(x, v, centre, rest)
-        omega = motion.angular_velocity[0]
-        to_origin = -rotations[0] @ rest.centre
-        return RigidFit(
-            position=centre[0] + to_origin,
-            rotation=rotations[0],
-            linear_velocity=motion.velocity[0] + np.cross(omega, to_origin),
-            angular_velocity=omega,
-            displacement=matching.distances(x, centre, rotations, rest)[0],
-        )
+        """Return the best rigid fit to a body, and the distance of each particle from it."""
+        index = self._index_of(name)
+        x, v = self._state.positions(index), self._state.velocities(index)
+        return fit_rigid_motion(x, v, self._bodies[index].rest)
 
-    def _require_body(self, name: str) -> None:
-        if name not in self._place:
+    def _index_of(self, name: str) -> int:
+        if name not in self._index:
             raise ConfigError(f'there is no body {name!r}: {unknown_name(name, self.names)}')
-
-    def _state(self, name: str) -> tuple[Batch, int]:
-        self._require_body(name)
-        batch, row = self._place[name]
-        return self._batches[batch], row
+        return self._index[name]
 
 
-def _members_by_shape(bodies: tuple[BodyConfig, ...]) -> list[list[str]]:
-    """Return the names of the bodies, grouped by rest shape: each group is stepped as one."""
-    groups: dict[tuple, list[str]] = {}
-    for body in bodies:
-        shape: tuple = (body.mesh, body.size, body.subdivisions)
-        if isinstance(body.mesh, Surface):
-            shape = (id(body.mesh),)
-        parts = (body.regions_count, body.regions_overlap)
-        groups.setdefault(shape + parts, []).append(body.name)
-    return list(groups.values())
-
-
-def _rest_shape_of(body: BodyConfig, dtype: type) -> RestShape:
+def _rest_shape_of(body: BodyConfig) -> RestShape:
     try:
         surface = body.mesh
         if not isinstance(surface, Surface):
             surface = make_surface(surface, body.size, body.subdivisions)
-        return make_rest_shape(surface, dtype)
+        return make_rest_shape(surface)
     except MeshError as error:
         raise MeshError(f'{body.prefix}{error}') from None
 
@@ -704,40 +892,75 @@ def _regions_of(body: BodyConfig, rest: RestShape) -> Regions | None:
     return make_regions(rest, body.regions_count, body.regions_overlap)
 
 
+def _rows(values: ArrayLike, count: int, what: str) -> np.ndarray:
+    """Return values as an array (count, 3)."""
+    try:
+        array = np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise ConfigError(f'{what} are no array of numbers: it must be ({count}, 3)') from None
+    if array.shape != (count, 3):
+        raise ConfigError(
+            f'{what} have the shape {array.shape}: it must be ({count}, 3), a row of x, y, z for '
+            'each vertex'
+        )
+    return array
+
+
 def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
     """Return (3, n) float: the rest shape at the start pose, m."""
     rotation = Rotation.from_quat(body.orientation).as_matrix()
     return rotation @ rest.surface.vertices.T + np.array(body.position)[:, None]
 
 
-def _twist(linear: np.ndarray, angular: np.ndarray, arms: np.ndarray) -> np.ndarray:
-    """Return the velocities (3, n) of a rigid motion at arms (3, n) from a point that has it."""
-    return linear[:, None] + np.cross(angular, arms, axisb=0, axisc=0)
-
-
 def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
-    target = obstacles.placed(config, current.faces)
+    target = obstacles.placed(config, current.tree)
     same_pose = (
         current.config.position == target.config.position
         and current.config.orientation == target.config.orientation
     )
     if same_pose:
-        return dataclasses.replace(current, config=config)
+        return _with_config(current, config)
     return target
 
 
 def _require_same_structure(old: WorldConfig, new: WorldConfig) -> None:
     def read_only(config: WorldConfig) -> Mapping[str, object]:
         values: dict[str, object] = {}
-        for part in (config, *config.bodies, *config.obstacles):
-            for field, dotted, facts in settings(part):
+        for item in (config, *config.bodies, *config.obstacles):
+            for field, dotted, facts in settings(item):
                 if facts.read_only:
-                    values[part.prefix + dotted] = getattr(part, field)
+                    values[item.prefix + dotted] = getattr(item, field)
         return values
 
     before, after = read_only(old), read_only(new)
     if list(before) != list(after):
-        raise ConfigError('bodies and obstacles cannot be added or removed: make a new World')
+        raise ConfigError(
+            'bodies and obstacles are added and removed by World.add and World.remove, not here'
+        )
     for name, value in before.items():
         if value is not after[name] and value != after[name]:
             raise ConfigError(f'{name} is {value!r} and cannot change: make a new World')
+
+
+def _structure(config: BodyConfig | ObstacleConfig) -> tuple:
+    """Return the key by which bodies, or obstacles, can exchange their states."""
+    if isinstance(config, BodyConfig):
+        return config.name, *_shape_key(config)
+    mesh = id(config.mesh) if isinstance(config.mesh, Surface) else config.mesh
+    return config.name, config.type, mesh, config.subdivisions
+
+
+def _shape_key(config: BodyConfig) -> tuple:
+    """Return the key by which bodies share rest shape and regions."""
+    regions = (config.regions_count, config.regions_overlap)
+    if isinstance(config.mesh, Surface):
+        return id(config.mesh), *regions
+    return config.mesh, config.size, config.subdivisions, *regions
+
+
+def _with_config(obstacle: Obstacle, config: ObstacleConfig) -> Obstacle:
+    """Return an obstacle at its present pose, with another size or velocity."""
+    if config == obstacle.config:
+        return obstacle
+    shape = obstacles.placed(config, obstacle.tree).shape
+    return dataclasses.replace(obstacle, config=config, shape=shape)

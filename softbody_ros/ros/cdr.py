@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Common Data Representation, little endian, as ROS 2 messages are serialized in.
+Writer of Common Data Representation, little endian: the serialization of ROS 2 messages.
 
 Only what the bulk messages need: offsets follow from the alignment rules of the OMG DDS
 Interoperability specification (formal/2014-09-01, section 10.2): each primitive is aligned to its
@@ -22,8 +22,8 @@ class CdrWriter:
     Parameters
     ----------
     offset : int
-        where the first byte will stand in the message, encapsulation header not counted; a part
-        of a message that begins at a multiple of 8 can be written with 0
+        of the first byte in the message, without the encapsulation header; a fragment that begins
+        at a multiple of 8 can be written with 0
 
     """
 
@@ -53,12 +53,12 @@ class CdrWriter:
         return self
 
     def pad(self, alignment: int) -> CdrWriter:
-        """Append the padding up to something of that alignment."""
+        """Append padding up to an alignment."""
         self._align(alignment)
         return self
 
     def take(self) -> bytes:
-        """Return what was written."""
+        """Return the bytes written."""
         return bytes(self._bytes)
 
     def _align(self, size: int) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a newcomer reads in the terminal: `sim_node --help`, and where to look once it runs."""
+"""Texts for the terminal: `sim_node --help`, and the message after the start."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 import shutil
 import sys
 
-from softbody_ros.scene.parameters import share_directory
+from softbody_ros.installed_files import share_directory
 
 PACKAGE, NODE = 'softbody_ros', '/softbody_sim'
 MOST_BODIES = 4
-"""Bodies that are named at the start; of more only the number is said."""
+"""Bodies named in the message at the start; of more only the number is given."""
 
 HELP = """\
 usage: sim_node [--viewer] [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
@@ -72,7 +72,7 @@ def where_to_look(
     node: str, clock: str, vertices: Mapping[str, int], topics: tuple[str, str]
 ) -> str:
     """
-    Return what the node says when it has started: what it simulates, how to see and steer it.
+    Return the message of the node at its start: what it simulates, how to see and control it.
 
     Parameters
     ----------
@@ -109,13 +109,13 @@ def _ways_to_see(node: str) -> str:
     else:
         web = f'`{command}`, then http://127.0.0.1:8080 in a browser'
     if node != NODE:
-        # the layout of RViz has the topics of the node's usual name
+        # the RViz layout has the topics of the default node name
         return web.replace(command, f'{command} --node {node}')
     return f'{web}; or rviz2 -d {config_folder() / "softbody.rviz"}'
 
 
 def _command(name: str) -> str:
-    """Return how to call a command that is installed like this one."""
+    """Return how to call a command installed in the same way as this one."""
     own = Path(sys.argv[0])
     if own.name != 'sim_node':
         return name
@@ -126,9 +126,9 @@ def _command(name: str) -> str:
 
 
 def config_folder() -> Path:
-    """Return the folder of the scenes and of the layout of RViz, installed or in the clone."""
+    """Return the folder of the scenes and the RViz layout, installed or in the clone."""
     try:
         return Path(share_directory(PACKAGE)) / 'config'
     except (LookupError, ValueError, OSError, ImportError):
-        # where it was put that pip was told to: nothing of it is needed to run
+        # an unusual pip target: nothing of the folder is needed to run
         return Path(__file__).parents[2] / 'config'

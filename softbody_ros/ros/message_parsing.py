@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Messages to NumPy: what others send, as the core wants it, or one sentence that says why not.
+Parsing of received messages into the types of the core, or into a sentence why not.
 
-Pure functions. Anybody may send anything: no message makes them raise anything but `InputError`.
+Pure functions. Whatever a message contains, they raise nothing but `InputError`.
 """
 
 from __future__ import annotations
@@ -29,20 +29,24 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
-from softbody_ros.core.external_inputs import MOST_GUESTS, Placement, Removal
+from softbody_ros.core.external_inputs import (
+    MOST_DYNAMIC_OBSTACLES,
+    ObstacleRemoval,
+    ObstacleUpdate,
+)
 
 SHAPES = {
     Marker.CUBE: 'box',
     Marker.SPHERE: 'sphere',
     Marker.CYLINDER: 'cylinder',
 }
-"""Obstacle types of the marker types that can be obstacles."""
+"""Marker types that are accepted as obstacles, and their obstacle types."""
 ROUND = {Marker.SPHERE: 'x y z', Marker.CYLINDER: 'x y'}
 """Which diameters of a round shape must be equal."""
 UNEQUAL = 1e-3
-"""Diameters that differ by less than this fraction are taken for equal."""
-MOST_MARKERS = 2 * MOST_GUESTS
-"""Markers of one array that are looked at: enough to take all obstacles away and put others."""
+"""Relative difference up to which diameters count as equal."""
+MOST_MARKERS = 2 * MOST_DYNAMIC_OBSTACLES
+"""Markers of one array that are parsed: enough to remove and replace all obstacles."""
 LARGEST_WRENCH = 1e9
 FLOATS = {PointField.FLOAT32: 'f4', PointField.FLOAT64: 'f8'}
 
@@ -57,9 +61,9 @@ class InputError(ValueError):
 # ------------------------------------------------------------------------------------- obstacles
 def obstacle_changes(
     message: MarkerArray, frame_id: str, time_step: float, pace: float = 1.0
-) -> tuple[list[Placement | Removal], list[str]]:
+) -> tuple[list[ObstacleUpdate | ObstacleRemoval], list[str]]:
     """
-    Return what a MarkerArray changes, and a sentence for each of its markers that is ignored.
+    Return the changes in a MarkerArray, and a sentence for each of its markers that is ignored.
 
     Parameters
     ----------
@@ -72,7 +76,7 @@ def obstacle_changes(
         simulated seconds per second of the clock of the stamps
 
     """
-    changes: list[Placement | Removal] = []
+    changes: list[ObstacleUpdate | ObstacleRemoval] = []
     problems = []
     for marker in message.markers[:MOST_MARKERS]:
         try:
@@ -88,11 +92,13 @@ def obstacle_changes(
     return changes, problems
 
 
-def _change(marker: Marker, frame_id: str, time_step: float, pace: float) -> Placement | Removal:
+def _change(
+    marker: Marker, frame_id: str, time_step: float, pace: float
+) -> ObstacleUpdate | ObstacleRemoval:
     if marker.action == Marker.DELETE:
-        return Removal(marker.ns, marker.id)
+        return ObstacleRemoval(marker.ns, marker.id)
     if marker.action == Marker.DELETEALL:
-        return Removal(marker.ns)
+        return ObstacleRemoval(marker.ns)
     if marker.action != Marker.ADD:
         raise InputError(f'action is {marker.action}: use ADD (0), DELETE (2) or DELETEALL (3)')
     require_frame(marker.header.frame_id, frame_id)
@@ -110,17 +116,17 @@ def _change(marker: Marker, frame_id: str, time_step: float, pace: float) -> Pla
     stamp = marker.header.stamp.sec * 1_000_000_000 + marker.header.stamp.nanosec
     seconds = marker.lifetime.sec + 1e-9 * marker.lifetime.nanosec
     lifetime = max(math.ceil(seconds / time_step), 0)
-    return Placement((marker.ns, marker.id), config, stamp, pace, lifetime)
+    return ObstacleUpdate((marker.ns, marker.id), config, stamp, pace, lifetime)
 
 
-@functools.lru_cache(maxsize=4 * MOST_GUESTS)
+@functools.lru_cache(maxsize=4 * MOST_DYNAMIC_OBSTACLES)
 def _obstacle(
     kind: int,
     position: tuple[float, ...],
     orientation: tuple[float, ...],
     scale: tuple[float, ...],
 ) -> ObstacleConfig:
-    """Return an obstacle; those that are sent again and again are made once."""
+    """Return an obstacle; cached, as the same ones are sent repeatedly."""
     if not all(abs(value) <= LARGEST for value in position):
         raise InputError(f'position is {in_brackets(position)}: it must be within ±{LARGEST:g} m')
     length = math.hypot(*orientation)
@@ -156,9 +162,9 @@ def point_obstacles(
     message: PointCloud2, frame_id: str, radius: float
 ) -> tuple[PointObstacles, int]:
     """
-    Return the points of a cloud that are in the way, and how many there were to choose from.
+    Return the thinned points of a cloud, and the number of usable ones before thinning.
 
-    Any layout with x, y and z as floats will do. What is not finite is left out.
+    Any layout with x, y and z as floats is accepted. Points that are not finite are dropped.
 
     Parameters
     ----------
@@ -166,7 +172,7 @@ def point_obstacles(
     frame_id : str
         the frame in which points must be
     radius : float
-        with which they push, m
+        of the spheres about them, m
 
     Raises
     ------
@@ -185,7 +191,7 @@ def point_obstacles(
 
 
 def _coordinates(message: PointCloud2) -> np.ndarray:
-    """Return (k, 3) float64: what the cloud says, finite or not."""
+    """Return (k, 3) float64: the coordinates in the cloud, finite or not."""
     width, height, step = message.width, message.height, message.point_step
     row_step = message.row_step if height > 1 else width * step
     layout = _layout(message)
@@ -210,7 +216,7 @@ def _coordinates(message: PointCloud2) -> np.ndarray:
 
 
 def _layout(message: PointCloud2) -> np.dtype:
-    """Return where x, y and z are in each point."""
+    """Return the layout of x, y and z in each point."""
     order = '>' if message.is_bigendian else '<'
     names = [item.name for item in message.fields]
     formats, offsets = [], []
@@ -246,12 +252,12 @@ def _layout(message: PointCloud2) -> np.dtype:
 @dataclass(frozen=True)
 class WrenchInput:
     """
-    A wrench that somebody applies.
+    A parsed wrench.
 
     Attributes
     ----------
     name : str or None
-        of the body in whose axes it is; None acts on every body in world axes
+        of the body, in whose axes it is given; None: on every body, in world axes
     force, torque : tuple of three floats
         N, N m
 
@@ -264,7 +270,7 @@ class WrenchInput:
 
 def wrench(message: WrenchStamped, frame_id: str, names: Sequence[str]) -> WrenchInput:
     """
-    Return a wrench on a body, or, in the world's frame, on all.
+    Return a wrench on the body that `frame_id` names, or on all in the frame of the world.
 
     Raises
     ------
@@ -304,7 +310,7 @@ def gravity(message: Vector3Stamped, frame_id: str) -> tuple[float, ...]:
 
 # ---------------------------------------------------------------------------------------- common
 def require_frame(given: str, frame_id: str) -> None:
-    """Raise InputError unless something is in the frame of the world: none is transformed."""
+    """Raise InputError unless a frame is that of the world: nothing is transformed."""
     if given != frame_id:
         raise InputError(
             f'frame_id is {_quoted(given)}: it must be in the frame {frame_id!r}, transform it '

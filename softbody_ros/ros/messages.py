@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-NumPy to messages, pure functions.
+Conversion of NumPy arrays to messages: pure functions.
 
-The bulk messages come as serialized bytes, which `Publisher.publish` takes too: turning arrays
-into lists of message objects is a thousand times slower. Small ones come as objects.
+Bulk messages are returned as serialized bytes, which `Publisher.publish` accepts: conversion to
+lists of message objects is a thousand times slower. Small ones are returned as objects.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _SHAPES = {
     'sphere': (Marker.SPHERE, (0, 0, 0)),
     'cylinder': (Marker.CYLINDER, (0, 0, 2)),
 }
-"""Types of obstacles that are types of markers, and which of their half extents x y z are."""
+"""Obstacle types that are marker types, and which half extents give their scale x y z."""
 
 
 def time_message(nanoseconds: int) -> Time:
@@ -54,7 +54,7 @@ def time_message(nanoseconds: int) -> Time:
 
 
 def _stamped(stamp: int, rest: bytes) -> bytes:
-    """Return the begin of a message with a header: the stamp, and what follows it."""
+    """Return the beginning of a message with a header: the stamp, then `rest`."""
     return ENCAPSULATION + _stamp_bytes(stamp) + rest
 
 
@@ -80,9 +80,9 @@ def points_array(bodies: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     records = np.empty(sum(len(positions) for positions, _ in bodies), POINT_TYPE)
     start = 0
     for index, (positions, displacement) in enumerate(bodies):
-        part = records[start : start + len(positions)]
-        part['x'], part['y'], part['z'] = positions.T
-        part['displacement'], part['body'] = displacement, index
+        rows = records[start : start + len(positions)]
+        rows['x'], rows['y'], rows['z'] = positions.T
+        rows['displacement'], rows['body'] = displacement, index
         start += len(positions)
     return records
 
@@ -130,12 +130,12 @@ def serialized_marker(
     shape = _marker_shape((1.0, 1.0, 1.0), tuple(color), len(corners))
     points = np.ascontiguousarray(corners, dtype='<f8')
     begin = _stamped(stamp, head)
-    return b''.join([begin, _NO_TURN, shape, _raw(points), _marker_end()])
+    return b''.join([begin, _IDENTITY_POSE, shape, _raw(points), _marker_end()])
 
 
-# A marker is, after its stamp: head, pose, shape, corners, end. Only the head depends on where in
-# the message it begins: from the pose on everything has its place from a multiple of 8 on.
-_NO_TURN = struct.pack('<7d', 0, 0, 0, 0, 0, 0, 1)
+# A marker consists, after its stamp, of head, pose, shape, corners, end. Only the padding of the
+# head depends on its offset in the message: the pose always begins at a multiple of 8.
+_IDENTITY_POSE = struct.pack('<7d', 0, 0, 0, 0, 0, 0, 1)
 
 
 @lru_cache(maxsize=4096)
@@ -180,7 +180,7 @@ def serialized_mesh(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 
 
 class ShownObstacle(NamedTuple):
-    """An obstacle, and as what it is shown."""
+    """An obstacle with the namespace, id and colour of its marker."""
 
     namespace: str
     number: int
@@ -190,11 +190,11 @@ class ShownObstacle(NamedTuple):
 
 def serialized_obstacles(stamp: int, frame_id: str, shown: Sequence[ShownObstacle]) -> bytes:
     """
-    Return a serialized visualization_msgs/MarkerArray that says all by itself.
+    Return a serialized visualization_msgs/MarkerArray with the complete state.
 
-    It begins with a marker that deletes all. Boxes, spheres and cylinders are markers of these
-    types; capsules, meshes and planes are TRIANGLE_LISTs in their own frames. Of a plane, with the
-    text 'plane', it is a square about its origin.
+    It begins with a DELETEALL. Boxes, spheres and cylinders are markers of these types; capsules,
+    meshes and planes are TRIANGLE_LISTs in their own frames. A plane, with the text 'plane', is a
+    square about its origin.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def serialized_obstacles(stamp: int, frame_id: str, shown: Sequence[ShownObstacl
     time = _stamp_bytes(stamp)
     parts: list[bytes | memoryview] = [struct.pack('<I', len(shown) + 1), time]
     parts.append(_marker_head(12, frame_id, '', 0, 0, Marker.DELETEALL))
-    parts += [_NO_TURN, _marker_shape((0.0,) * 3, (0.0,) * 4, 0), _marker_end()]
+    parts += [_IDENTITY_POSE, _marker_shape((0.0,) * 3, (0.0,) * 4, 0), _marker_end()]
     offset = sum(map(len, parts))
     for item, pose in zip(shown, _poses([item.obstacle for item in shown]), strict=True):
         config = item.obstacle.config
@@ -274,7 +274,7 @@ def fill_entity_state(message: Any, stamp: int, frame_id: str, fit: RigidFit) ->
 
 def _fill(target: object, names: str, values: np.ndarray) -> None:
     for name, value in zip(names, values, strict=True):
-        # a NumPy scalar would arrive as garbage
+        # rclpy serializes NumPy scalars wrongly
         setattr(target, name, float(value))
 
 
@@ -290,7 +290,7 @@ def diagnostics(
 
 
 def descriptor(facts: Setting) -> ParameterDescriptor:
-    """Return the descriptor of a parameter: tools make sliders and tooltips of it."""
+    """Return the descriptor of a parameter, from which tools make sliders and tooltips."""
     result = ParameterDescriptor(
         description=facts.description + (f' [{facts.unit}]' if facts.unit else ''),
         additional_constraints=facts.range_text,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS 2 node: parameters in, the stepped world out as clouds, markers and odometry."""
+"""The ROS 2 node: parameters, topics and services around a stepped world."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock, 
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -36,32 +37,35 @@ from visualization_msgs.msg import Marker
 
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
 from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
+from softbody_ros.core.warm_up import compile_ahead
 from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
 from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
 from softbody_ros.ros.simulation_interfaces import Simulation
 from softbody_ros.ros.spinning import spin
 from softbody_ros.ros.subscribers import InputTopics
+from softbody_ros.ros.viewer_process import viewer_of
 from softbody_ros.scene import parameters
 from softbody_ros.timeline.stepper import MEBIBYTE, Stepper
-from softbody_ros.viewer.process import viewer_of
 
 SHORTEST_PERIOD = 0.004
-"""Seconds between two looks at the clock, at the least: a look costs rclpy about 0.1 ms."""
+"""Shortest period of the timer that reads the clock, s: a call costs rclpy about 0.1 ms."""
 
 
 class SimNode(Node):
     """
-    Wires parameters, clock, world and messages together; holds no physics.
+    Connects parameters, clock, world and messages; contains no physics.
 
     Raises
     ------
     ConfigError, MeshError
-        if the parameters do not describe a scene; with one sentence that says why.
+        if the parameters do not describe a scene; with the reason in one sentence.
 
     """
 
+    NAME = 'softbody_sim'
+
     def __init__(self, **node_arguments: Any) -> None:
-        super().__init__('softbody_sim', **node_arguments)
+        super().__init__(self.NAME, **node_arguments)
         self._values = self._override_values()
         self._scene = parameters.make_scene(self._values)
         self._world = World(self._scene.world)
@@ -82,13 +86,14 @@ class SimNode(Node):
         self._gravity_source = self._inputs.gravity_source
         self._publish_rest_mesh()
         self._obstacle_markers = ObstacleMarkers(self, self._stepper, self._frame_id)
+        self._world.load_kernels()
         self._start_clocks()
         self._announce()
 
     # -------------------------------------------------------------------------------- parameters
     def _override_values(self) -> dict[str, Any]:
         """Return the values from YAML files and the command line that are this node's."""
-        # rclpy offers no public way to see overrides of parameters that are not declared
+        # rclpy has no public access to overrides of undeclared parameters
         overrides = {name: item.value for name, item in self._parameter_overrides.items()}
         values, unknown = parameters.known_values(overrides)
         for name, hint in unknown.items():
@@ -144,19 +149,19 @@ class SimNode(Node):
     # -------------------------------------------------------------------------------- interfaces
     def _create_publishers(self) -> None:
         def publisher(kind: type, topic: str, depth: int) -> Publisher:
-            events = PublisherEventCallbacks(matched=self._welcome)
+            events = PublisherEventCallbacks(matched=self._on_match)
             return self.create_publisher(kind, topic, depth, event_callbacks=events)
 
         bodies = len(self._world.names)
         self._points = publisher(PointCloud2, '~/points', 10)
-        # one message per body and frame: a shallower queue would cut frames
+        # one message per body and frame: a shallower queue would drop parts of a frame
         self._mesh = publisher(Marker, '~/mesh', max(10, 2 * bodies))
         self._odometry = publisher(Odometry, '~/odometry', max(10, 2 * bodies))
         self._contacts = publisher(WrenchStamped, '~/contacts', max(10, 2 * bodies))
         self._contacts_of = {
             name: publisher(WrenchStamped, f'~/contacts/{name}', 10) for name in self._world.names
         }
-        self._touching: set[str] = set()
+        self._in_contact: set[str] = set()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
 
@@ -164,9 +169,9 @@ class SimNode(Node):
         self.create_service(Trigger, '~/reset', self._reset)
         self.create_service(Trigger, '~/apply_initial_velocity', self._apply_initial_velocity)
         self.create_service(SetBool, '~/pause', self._pause)
-        # it waits for steps that the timer takes: in the timer's group it would keep it from them
-        waits = ReentrantCallbackGroup()
-        self.create_service(Trigger, '~/step', self._step, callback_group=waits)
+        # it awaits steps taken by the timer, whose group it must not block
+        group = ReentrantCallbackGroup()
+        self.create_service(Trigger, '~/step', self._step, callback_group=group)
         simulation = Simulation(self._stepper, self._paused, self._restarted)
         simulation_interfaces_node.offer(
             self, simulation, self._frame_id, self._stamp, self._steps_taken
@@ -178,7 +183,7 @@ class SimNode(Node):
         return response
 
     def _restarted(self) -> None:
-        """Put the bodies back to their start; what a failure has paused goes on."""
+        """Reset the bodies; resume if a failure had paused the simulation."""
         self._stepper.reset(self._now())
         if self._failure:
             self._failure = ''
@@ -200,7 +205,7 @@ class SimNode(Node):
         return response
 
     def _paused(self, paused: bool) -> str:
-        """Pause or go on; return why that cannot be, or nothing."""
+        """Pause or resume; return the reason if that is refused, or ''."""
         if self._failure and not paused:
             return f'the simulation has stopped ({self._failure}): call ~/reset'
         self._stepper.pause(paused, self._now())
@@ -218,7 +223,7 @@ class SimNode(Node):
         return response
 
     async def _steps_taken(self) -> str:
-        """Wait until the steps that have been asked for are taken; return why they are not."""
+        """Wait until the requested steps are taken; return the failure, or ''."""
         while self._stepper.stepping:
             self._after_slice = self._after_slice or Future(executor=self.executor)
             await self._after_slice
@@ -228,7 +233,7 @@ class SimNode(Node):
     def _start_clocks(self) -> None:
         self._counted = _Counters(time.perf_counter(), 0, 0.0, 0.0, 0.0)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        # one timer for both drivers: it looks at the node's clock, wall or /clock
+        # one timer for wall time and /clock: it reads the clock of the node
         period = max(self._world.config.time_step, SHORTEST_PERIOD)
         self.create_timer(period, self._drive, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
@@ -243,7 +248,7 @@ class SimNode(Node):
         )
 
     def _on_jump(self, jump: TimeJump) -> None:
-        # called in the middle of setting the clock: only take note
+        # called while the clock is being set: only set flags
         if jump.clock_change in (
             ClockChange.ROS_TIME_ACTIVATED,
             ClockChange.ROS_TIME_DEACTIVATED,
@@ -252,8 +257,8 @@ class SimNode(Node):
         elif jump.delta.nanoseconds < 0:
             self._jumped_back = True
         elif not self._first_clock:
-            # the first step of /clock is the one from 0: it begins the simulation, however late
-            # the timer comes to see it
+            # the first jump of /clock is the one from 0: the simulation begins there, however late
+            # the timer reads it
             self._first_clock = jump.delta.nanoseconds
 
     def _now(self) -> int:
@@ -272,7 +277,7 @@ class SimNode(Node):
 
     def _drive(self) -> None:
         self._advance()
-        self._obstacle_markers.look(due=False)
+        self._obstacle_markers.update(due=False)
 
     def _advance(self) -> None:
         if self._stepper.stepping:
@@ -290,7 +295,7 @@ class SimNode(Node):
                 f'/clock went back: so do the bodies, from {self._world.time:g} s'
             )
         elif not follows_clock and self._stepper.lag(now) < 0.0:
-            self._stepper.reanchor(now)  # somebody set the system's clock back
+            self._stepper.reanchor(now)  # the system clock was set back
         self._clock_changed = self._jumped_back = False
         try:
             for outputs in self._stepper.advance(now, drop_overload=not follows_clock):
@@ -299,7 +304,7 @@ class SimNode(Node):
             self._stop(error)
 
     def _take_steps(self) -> None:
-        """Take a slice of the steps that services wait for."""
+        """Take a slice of the steps that services await."""
         try:
             self._stepper.take_steps(self._now())
         except SimulationError as error:
@@ -309,20 +314,20 @@ class SimNode(Node):
             waiting.set_result(None)
 
     def _stop(self, error: SimulationError) -> None:
-        """Keep the last good state, say why, and wait for ~/reset."""
+        """Pause at the last good state until ~/reset, and log the reason."""
         self._failure = str(error)
         self._paused_before_failure = self._stepper.paused
         self.get_logger().error(f'{error}; call ~/reset to go on')
         self._stepper.pause(True, self._now())
 
     # ----------------------------------------------------------------------------------- outputs
-    def _welcome(self, _: object) -> None:
-        """Show the state to a new subscriber at once, where it might wait for long."""
+    def _on_match(self, _: object) -> None:
+        """Publish the state to a new subscriber if the next output may be long in coming."""
         if self._stepper.paused or self._follows_clock():
             self._stepper.publish_now()
 
     def _publish(self, outputs: set[str]) -> None:
-        """Publish what is due; nothing is packed for a topic without subscribers."""
+        """Publish the outputs that are due; nothing is packed for topics without subscribers."""
         begin = time.perf_counter()
         stamp = self._stamp()
         fit = cache(self._world.rigid_fit)
@@ -337,7 +342,7 @@ class SimNode(Node):
         if 'mesh' in outputs and self._mesh.get_subscription_count():
             self._publish_mesh(stamp, positions)
         if 'mesh' in outputs:
-            self._obstacle_markers.look(due=True)
+            self._obstacle_markers.update(due=True)
         self._publish_seconds += time.perf_counter() - begin
 
     def _publish_points(
@@ -351,17 +356,20 @@ class SimNode(Node):
         self._points.publish(messages.serialized_cloud(stamp, self._frame_id, records))
 
     def _publish_contacts(self, stamp: int) -> None:
-        """Publish what bodies feel of their contacts; zero, once, for those that feel no more."""
+        """Publish the contact wrench of each body in contact, and one zero after it has ended."""
         for_all = [self._contacts] if self._contacts.get_subscription_count() else []
         for name, own in self._contacts_of.items():
             publishers = for_all + ([own] if own.get_subscription_count() else [])
             if not publishers:
-                self._touching.discard(name)
+                self._in_contact.discard(name)
                 continue
             force, torque = self._world.contact_wrench(name)
-            touched, touches = name in self._touching, bool(force.any() or torque.any())
-            (self._touching.add if touches else self._touching.discard)(name)
-            if touched or touches:
+            was_in_contact, is_in_contact = (
+                name in self._in_contact,
+                bool(force.any() or torque.any()),
+            )
+            (self._in_contact.add if is_in_contact else self._in_contact.discard)(name)
+            if was_in_contact or is_in_contact:
                 message = messages.wrench(stamp, self._frame_id, force, torque)
                 for publisher in publishers:
                     publisher.publish(message)
@@ -369,7 +377,7 @@ class SimNode(Node):
     def _publish_mesh(self, stamp: int, positions: Callable[[str], np.ndarray]) -> None:
         for name in self._world.names:
             faces = self._world.rest_shape(name).surface.faces
-            # several times faster than indexing with the array
+            # several times faster than fancy indexing
             corners = positions(name).take(faces.reshape(-1), axis=0)
             color = self._scene.appearances[name].color
             self._mesh.publish(
@@ -466,7 +474,7 @@ class SimNode(Node):
 
 @dataclass(frozen=True)
 class _Counters:
-    """What the diagnostics compare with the report before."""
+    """Counters from whose differences the diagnostics are computed."""
 
     wall: float
     tick: int
@@ -476,10 +484,7 @@ class _Counters:
 
 
 def run(stop: threading.Event) -> int:
-    """Run the node until `stop` is set; a scene that cannot be is one sentence and exit code 1."""
-    if {'-h', '--help'} & set(sys.argv[1:]):
-        print(cli_help.help_text())
-        return 0
+    """Run the node until `stop` is set; an invalid scene is one sentence and exit code 1."""
     arguments = [argument for argument in sys.argv if argument != '--viewer']
     if len(arguments) > 1 and arguments[1] != '--ros-args':
         print(
@@ -489,8 +494,13 @@ def run(stop: threading.Event) -> int:
         )
         return 1
     try:
-        # rclpy's own handlers would take the context away in the middle of a callback
+        # rclpy's own handlers would shut the context down during a callback
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        # before the node exists: once discovered, it must answer at once
+        logger = get_logger(SimNode.NAME)
+        if not compile_ahead(logger.info, logger.warning, stop.is_set):
+            rclpy.try_shutdown()
+            return 0
         node = SimNode()
     except (ConfigError, MeshError, ParameterException, RuntimeError) as error:
         rclpy.try_shutdown()

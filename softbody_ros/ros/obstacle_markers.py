@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The topic that shows what is in the way: `World.obstacles` out as markers."""
+"""Publisher of ~/obstacle_markers: `World.obstacles` as markers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from softbody_ros.ros.messages import ShownObstacle
 from softbody_ros.timeline.stepper import Stepper
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-PLANE_COLOR, COLOR, OTHERS_COLOR = (
+PLANE_COLOR, COLOR, RECEIVED_COLOR = (
     (0.78, 0.78, 0.76, 1.0),
     (0.58, 0.60, 0.62, 1.0),
     (0.45, 0.58, 0.70, 1.0),
@@ -31,10 +31,10 @@ Shown = Mapping[tuple[str, int], Obstacle]
 
 class ObstacleMarkers:
     """
-    Publishes the obstacles of the scene and those of others, all at once, latched.
+    Publishes the obstacles of the scene and those received, in one latched message.
 
-    Changes are published at once, motion when it is due. While nobody subscribes nothing is
-    packed: whoever comes gets the present state.
+    Changes are published at once, motion at the rate of the outputs. Without subscribers nothing
+    is packed; a new subscriber gets the present state.
 
     Parameters
     ----------
@@ -48,28 +48,28 @@ class ObstacleMarkers:
         self._stepper = stepper
         self._frame_id = frame_id
         self._shown: Shown = {}
-        self._newcomers = False
-        events = PublisherEventCallbacks(matched=self._welcome)
+        self._new_subscriber = False
+        events = PublisherEventCallbacks(matched=self._on_match)
         self._publisher = node.create_publisher(
             MarkerArray, '~/obstacle_markers', LATCHED, event_callbacks=events
         )
         self._publish(self._present())
 
-    def look(self, due: bool) -> None:
+    def update(self, due: bool) -> None:
         """
-        Publish what is in the way if it is not what was published last.
+        Publish the obstacles if they differ from those published last.
 
         Parameters
         ----------
         due : bool
-            whether also what merely moves on is to be published
+            whether mere motion is to be published too
 
         """
         if self._stepper.replaying or not self._publisher.get_subscription_count():
             return
-        due, self._newcomers = due or self._newcomers, False
-        there, shown = self._stepper.world.obstacles, self._shown
-        if len(there) == len(shown) and all(map(operator.is_, there, shown.values())):
+        due, self._new_subscriber = due or self._new_subscriber, False
+        obstacles, shown = self._stepper.world.obstacles, self._shown
+        if len(obstacles) == len(shown) and all(map(operator.is_, obstacles, shown.values())):
             return
         present = self._present()
         if present.keys() != shown.keys():
@@ -85,9 +85,9 @@ class ObstacleMarkers:
         world = self._stepper.world
         scene = world.obstacles[: len(world.config.obstacles)]
         shown = {(obstacle.config.name, 0): obstacle for obstacle in scene}
-        # no name of the scene has a slash
-        for (namespace, number), guest in world.outside.guests.items():
-            shown[f'others/{namespace}', number] = guest.obstacle
+        # names of the scene contain no slash
+        for (namespace, number), received in world.external_inputs.dynamic_obstacles.items():
+            shown[f'others/{namespace}', number] = received.obstacle
         return shown
 
     def _publish(self, shown: Shown) -> None:
@@ -105,14 +105,14 @@ class ObstacleMarkers:
             )
         )
 
-    def _welcome(self, info: QoSPublisherMatchedInfo) -> None:
-        """Let the next look publish what has moved on while nobody was there."""
+    def _on_match(self, info: QoSPublisherMatchedInfo) -> None:
+        """Let the next update publish the motion since the last message to a new subscriber."""
         if info.current_count_change > 0:
-            self._newcomers = True
+            self._new_subscriber = True
 
 
 def _alike(one: Obstacle, other: Obstacle) -> bool:
-    """Whether two look the same; in general they are the same."""
+    """Whether two obstacles look the same; usually they are one object."""
     return one is other or (
         (one.config.type, one.config.size) == (other.config.type, other.config.size)
         and np.array_equal(one.position, other.position)
@@ -122,5 +122,5 @@ def _alike(one: Obstacle, other: Obstacle) -> bool:
 
 def _color(obstacle: Obstacle, of_scene: bool) -> tuple[float, ...]:
     if not of_scene:
-        return OTHERS_COLOR
+        return RECEIVED_COLOR
     return PLANE_COLOR if obstacle.config.type == 'plane' else COLOR

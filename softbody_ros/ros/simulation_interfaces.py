@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the services of simulation_interfaces do, without its messages.
+Logic of the services of simulation_interfaces, without its messages.
 
-simulation_interfaces is the standard that Gazebo and Isaac Sim speak. Its package need not be
-installed: the functions here take and return plain values, numbers are those of its definitions.
-Only `standard_server` knows the messages.
+simulation_interfaces is the standard that Gazebo and Isaac Sim implement. Its package need not be
+installed: the functions here take and return plain values, with the constants of its definitions.
+Only `simulation_interfaces_node` imports the messages.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import trimesh
 
 from softbody_ros.core import RigidFit, World
 from softbody_ros.core.config import LARGEST
-from softbody_ros.timeline.history import Page
+from softbody_ros.timeline.history import Checkpoint
 from softbody_ros.timeline.stepper import Stepper
 
 # Result
@@ -46,7 +46,7 @@ FEATURES = {
     'set_simulation_state': (25, 26),  # SIMULATION_STATE_SETTING, SIMULATION_STATE_PAUSE
     'step_simulation': (31, 32),  # STEP_SIMULATION_SINGLE, STEP_SIMULATION_MULTIPLE
 }
-"""What a service that is registered lets the simulator advertise (SimulatorFeatures)."""
+"""Features that each registered service lets the simulator advertise (SimulatorFeatures)."""
 POSIX_CLASSES = {
     'alpha': 'a-zA-Z', 'digit': '0-9', 'alnum': 'a-zA-Z0-9', 'upper': 'A-Z', 'lower': 'a-z',
     'space': r'\s', 'blank': r' \t', 'punct': '_', 'xdigit': '0-9A-Fa-f', 'word': r'\w',
@@ -64,19 +64,19 @@ class Outcome:
 
 
 def features(registered: Iterable[str]) -> list[int]:
-    """Return the features that the registered services make up, sorted."""
+    """Return the features of the registered services, sorted."""
     return sorted(feature for name in registered for feature in FEATURES[name])
 
 
 class Simulation:
     """
-    A stepper as the standard sees it: stopped, playing or paused.
+    A stepper with the states of the standard: stopped, playing or paused.
 
     Parameters
     ----------
     stepper : Stepper
     pause, reset : callable
-        what the node does for its own services of these names; `pause(on)` returns why it failed
+        handlers of the node's own services of these names; `pause(on)` returns a reason or ''
 
     """
 
@@ -85,7 +85,7 @@ class Simulation:
     ) -> None:
         self._stepper = stepper
         self._pause, self._reset = pause, reset
-        self._stopped: Page | None = None
+        self._stopped: Checkpoint | None = None
 
     @property
     def world(self) -> World:
@@ -102,7 +102,7 @@ class Simulation:
         return STOPPED if begins else PAUSED
 
     def reset(self, scope: int) -> Outcome:
-        """Put the bodies back to their start; time is the clock's, and nothing is ever spawned."""
+        """Reset the bodies; time is the clock's, and there are no spawned entities."""
         if scope not in (SCOPE_DEFAULT, SCOPE_STATE, SCOPE_ALL):
             return Outcome(
                 FEATURE_UNSUPPORTED,
@@ -112,7 +112,7 @@ class Simulation:
         return Outcome()
 
     def set_state(self, state: int) -> Outcome:
-        """Play, pause, or stop, which is to pause at the start."""
+        """Play, pause, or stop, i.e. pause at the initial state."""
         names = {STOPPED: 'stopped', PLAYING: 'playing', PAUSED: 'paused'}
         if state not in names:
             return Outcome(
@@ -130,7 +130,7 @@ class Simulation:
         return Outcome()
 
     def step(self, steps: int) -> Outcome:
-        """Ask for some ticks while paused; the stepper takes them in slices."""
+        """Request ticks while paused; the stepper takes them in slices."""
         if self.state != PAUSED:
             return Outcome(
                 OPERATION_FAILED, 'only a paused simulation can be stepped: set state PAUSED (2)'
@@ -157,9 +157,9 @@ class Simulation:
         Parameters
         ----------
         name_filter : str
-            regular expression that the whole name has to match, as in Gazebo; empty for all
+            regular expression for the whole name, as in Gazebo; empty for all
         categories, tags : int
-            how many there are to filter by: not supported
+            number of categories and tags to filter by: not supported
         bounds : int
             UNBOUNDED or SPHERE
         points : iterable of three floats each
@@ -190,7 +190,7 @@ class Simulation:
         return Outcome(), [name for name in names if self._distance(name, centre) <= radius]
 
     def _distance(self, name: str, point: np.ndarray) -> float:
-        """Return how far a point is from a body, m; 0 inside."""
+        """Return the distance of a point from a body, m; 0 inside."""
         vertices = self.world.positions(name)
         faces = self.world.rest_shape(name).surface.faces
         if not len(faces):
@@ -214,7 +214,7 @@ class Simulation:
         twist: tuple[Sequence[float], Sequence[float]] | None = None,
     ) -> Outcome:
         """
-        Move a body as it is to a pose, or give it a velocity as a whole.
+        Move a body with its present shape to a pose, or set its rigid velocity.
 
         Parameters
         ----------
@@ -228,7 +228,7 @@ class Simulation:
         if name not in self.world.names:
             return self._unknown(name)
         if pose is not None:
-            position, quaternion = (np.asarray(part, dtype=float) for part in pose)
+            position, quaternion = (np.asarray(item, dtype=float) for item in pose)
             length = float(np.linalg.norm(quaternion))
             if not (np.abs(position) <= LARGEST).all():
                 return Outcome(INVALID_POSE, f'position {position} is not within {LARGEST:g} m')
@@ -242,7 +242,7 @@ class Simulation:
                 functools.partial(World.place, name=name, position=position, rotation=rotation)
             )
         if twist is not None:
-            linear, angular = (np.asarray(part, dtype=float) for part in twist)
+            linear, angular = (np.asarray(item, dtype=float) for item in twist)
             self._stepper.act(
                 functools.partial(World.set_twist, name=name, linear=linear, angular=angular)
             )
@@ -256,7 +256,7 @@ class Simulation:
 
 
 def _without_classes(pattern: str) -> str:
-    """Return a POSIX pattern in Python's words: they differ in the names of classes."""
+    """Return a POSIX pattern in Python's syntax: they differ in the names of classes."""
     for name, members in POSIX_CLASSES.items():
         pattern = pattern.replace(f'[:{name}:]', members)
     return pattern
@@ -264,7 +264,7 @@ def _without_classes(pattern: str) -> str:
 
 def _winding_number(triangles: np.ndarray) -> float:
     """
-    Return how often triangles (m, 3, 3) go round the origin: 1 inside a closed surface.
+    Return the winding number of triangles (m, 3, 3) about the origin: 1 inside a closed surface.
 
     A. van Oosterom, J. Strackee: The Solid Angle of a Plane Triangle, IEEE Trans. BME 1983.
     """

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The services of simulation_interfaces on a node: messages in, `standard_services`, messages out.
+Services of simulation_interfaces on a node: messages to and from `simulation_interfaces`.
 
-Offered where that package is importable; it is part of ROS Jazzy but not on PyPI.
+Offered if that package can be imported; it is part of ROS Jazzy but not on PyPI.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PACKAGE = 'simulation_interfaces.srv'
 
 
 def interfaces(node: Node) -> dict[str, type]:
-    """Return the package's services that are offered, by name; none where it is not usable."""
+    """Return the types of the offered services by name; none if the package is not usable."""
     try:
         module = importlib.import_module(PACKAGE)
         kinds = {
@@ -56,7 +56,7 @@ def offer(
     steps_taken: Callable[[], Awaitable[str]],
 ) -> list[str]:
     """
-    Create the services on a node, where the package is installed.
+    Create the services on a node, if the package is installed.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def offer(
     stamp : callable
         the clock's time of the present state, ns
     steps_taken : callable
-        waits until the steps that have been asked for are taken; returns what went wrong, or ''
+        waits until the requested steps are taken; returns the failure, or ''
 
     Returns
     -------
@@ -79,16 +79,16 @@ def offer(
     server = _Server(simulation, frame_id, stamp, steps_taken)
     for name, kind in kinds.items():
         if name == 'step_simulation':
-            # it waits for the timer, which must not wait for it
-            waits = ReentrantCallbackGroup()
-            node.create_service(kind, f'~/{name}', server.step_simulation, callback_group=waits)
+            # it awaits steps taken by the timer, whose group it must not block
+            group = ReentrantCallbackGroup()
+            node.create_service(kind, f'~/{name}', server.step_simulation, callback_group=group)
         else:
             node.create_service(kind, f'~/{name}', server.answer(name))
     return list(kinds)
 
 
 class _Server:
-    """One method for each service: from the request to the response."""
+    """Handlers, one for each service, from request to response."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class _Server:
         self._stamp, self._steps_taken = stamp, steps_taken
 
     def answer(self, name: str) -> Callable[[Any, Any], Any]:
-        """Return the handler of a service: a client that gets no answer would wait for ever."""
+        """Return the handler of a service that answers errors too: clients would wait for ever."""
         handler = getattr(self, name)
 
         def answered(request: Any, response: Any) -> Any:

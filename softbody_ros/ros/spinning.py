@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How the commands spin their nodes: until they are told to stop, whatever others send."""
+"""Executor loop of the commands, which survives failing callbacks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def spin(node: Node, stop: threading.Event) -> None:
         except ExternalShutdownException:
             return
         except Exception as error:
-            # rclpy's own services raise at a malformed request: nobody may end the node by one
+            # rclpy's own services raise on a malformed request, which must not end the node
             node.get_logger().error(
                 f'a callback failed and is ignored: {type(error).__name__}: {error}',
                 throttle_duration_sec=1.0,

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The topics by which others act on the world: messages in, `inputs`, actions on the stepper.
+Subscribers: received messages become actions on the stepper, parsed by `message_parsing`.
 
-Everything becomes history: when /clock goes back, it acts again at the same ticks.
+All actions are recorded in the history: after /clock went back they repeat at the same ticks.
 """
 
 from __future__ import annotations
@@ -20,7 +20,13 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from softbody_ros.core import World
-from softbody_ros.core.external_inputs import MOST_GUESTS, Guest, Key, Placement, Removal
+from softbody_ros.core.external_inputs import (
+    MOST_DYNAMIC_OBSTACLES,
+    DynamicObstacle,
+    Key,
+    ObstacleRemoval,
+    ObstacleUpdate,
+)
 from softbody_ros.ros import message_parsing
 from softbody_ros.ros.message_parsing import InputError
 from softbody_ros.scene.parameters import NodeConfig
@@ -30,14 +36,14 @@ WARNING_PERIOD = 5.0
 """Seconds between two warnings about the same topic."""
 BYTES_PER_ACTION = 1000
 BYTES_PER_MARKER, BYTES_PER_POSE = 400, 1000
-"""What an action takes in the history, about; a marker that is sent again shares its pose."""
-# whoever sends reliably reaches a best-effort subscription too; of clouds only the last one counts
+"""Approximate memory of an action in the history; an unchanged marker shares its pose."""
+# best effort also receives from reliable publishers; of clouds only the last one matters
 NEWEST_CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class InputTopics:
     """
-    Subscribes to what others send, and lets it act on the world.
+    Subscribes to the input topics, and applies the messages to the world.
 
     Parameters
     ----------
@@ -80,7 +86,7 @@ class InputTopics:
         self._stepper.act(partial(action, **arguments), nbytes)
 
     # ---------------------------------------------------------------------- one for each topic
-    # Each returns what is to be warned of, or nothing.
+    # Each returns a warning, or ''.
     def _obstacles(self, message: MarkerArray, settings: NodeConfig) -> str:
         changes, problems = message_parsing.obstacle_changes(
             message,
@@ -89,7 +95,7 @@ class InputTopics:
             self._stepper.time_scale,
         )
         if changes:
-            before = self._world.outside.guests
+            before = self._world.external_inputs.dynamic_obstacles
             poses = sum(_is_new(change, before) for change in changes)
             self._act(
                 World.change_obstacles,
@@ -97,11 +103,12 @@ class InputTopics:
                 changes=tuple(changes),
                 longest_gap=settings.input_timeout,
             )
-        guests = self._world.outside.guests
-        full = len(guests) >= MOST_GUESTS and not self._stepper.replaying
-        if full and any(isinstance(c, Placement) and c.key not in guests for c in changes):
+        present = self._world.external_inputs.dynamic_obstacles
+        full = len(present) >= MOST_DYNAMIC_OBSTACLES and not self._stepper.replaying
+        if full and any(isinstance(c, ObstacleUpdate) and c.key not in present for c in changes):
             problems.append(
-                f'there are {MOST_GUESTS} obstacles already, which is the most: DELETE some'
+                f'there are {MOST_DYNAMIC_OBSTACLES} obstacles already, which is the most: '
+                'DELETE some'
             )
         more = f' (and {len(problems) - 1} more like this)' if len(problems) > 1 else ''
         return problems[0] + more if problems else ''
@@ -161,28 +168,30 @@ class InputTopics:
     # ------------------------------------------------------------------------------ diagnostics
     @property
     def gravity_source(self) -> str:
-        """Where the gravity comes from that acts now."""
-        return 'parameters' if self._world.outside.gravity is None else '~/gravity'
+        """Source of the present gravity."""
+        return 'parameters' if self._world.external_inputs.gravity is None else '~/gravity'
 
     def report(self) -> dict[str, str]:
-        """Return what acts on the world, for the diagnostics."""
-        outside, source = self._world.outside, self.gravity_source
-        if outside.gravity is not None:
-            ticks = outside.gravity_ends_at - self._world.tick
+        """Return the external inputs in force, for the diagnostics."""
+        inputs, source = self._world.external_inputs, self.gravity_source
+        if inputs.gravity is not None:
+            ticks = inputs.gravity_ends_at - self._world.tick
             source += f', {ticks * self._world.config.time_step:.2f} s left'
         vector = ', '.join(f'{value:.4g}' for value in self._world.gravity + 0.0)
         return {
             'gravity (m/s²)': f'[{vector}]',
             'gravity source': source,
-            'received obstacles': str(len(outside.guests)),
-            'received obstacle points': str(len(outside.points)),
-            'received wrenches': str(len(outside.wrenches)),
+            'received obstacles': str(len(inputs.dynamic_obstacles)),
+            'received obstacle points': str(len(inputs.points)),
+            'received wrenches': str(len(inputs.wrenches)),
         }
 
 
-def _is_new(change: Placement | Removal, guests: Mapping[Key, Guest]) -> bool:
-    """Whether something is put where it has not been, or for the first time."""
-    if isinstance(change, Removal):
+def _is_new(
+    change: ObstacleUpdate | ObstacleRemoval, present: Mapping[Key, DynamicObstacle]
+) -> bool:
+    """Whether a change adds an obstacle or gives one another pose."""
+    if isinstance(change, ObstacleRemoval):
         return False
-    before = guests.get(change.key)
+    before = present.get(change.key)
     return before is None or before.obstacle.config is not change.config

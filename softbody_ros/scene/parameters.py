@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The one table of parameters, and what follows from it.
+The table of all parameters.
 
-`table` lists every parameter with its `Setting`: declaration, descriptors, validation, the core's
-config and the README table (`python3 -m softbody_ros.scene.parameters`) are derived from it.
+`table` lists every parameter with its `Setting`, from which declaration, descriptors, validation,
+the config of the core and the README table (`python3 -m softbody_ros.scene.parameters`) follow.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ import dataclasses
 from dataclasses import dataclass
 import numbers
 import os
-import pathlib
-import sys
 from typing import Any, TypeVar
 
 from softbody_ros.core.config import (
@@ -30,16 +28,17 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
+from softbody_ros.installed_files import share_directory
 
 FOREIGN_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
-"""Of parameters that every node has: they are not of the scene."""
+"""Prefixes of parameters that every node has, which are not part of the scene."""
 
 _HasMesh = TypeVar('_HasMesh', BodyConfig, ObstacleConfig)
 
 
 @dataclass(frozen=True)
 class NodeConfig(Checked):
-    """What the node needs besides the world."""
+    """Settings of the node."""
 
     frame_id: str = setting(
         'world', 'frame of everything that is published and received', read_only=True
@@ -84,7 +83,7 @@ class NodeConfig(Checked):
 
 @dataclass(frozen=True)
 class Appearance(Checked):
-    """How a body is drawn."""
+    """Appearance of a body."""
 
     name: str = 'body'
     color: tuple[float, ...] = setting(
@@ -94,7 +93,7 @@ class Appearance(Checked):
 
 @dataclass(frozen=True)
 class SceneLists(Checked):
-    """Which bodies and obstacles there are: their names prefix their parameters."""
+    """Names of the bodies and obstacles, which prefix their parameters."""
 
     bodies: tuple[str, ...] = setting(('ball',), 'names of the bodies', read_only=True, items=str)
     obstacles: tuple[str, ...] = setting(
@@ -104,7 +103,7 @@ class SceneLists(Checked):
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that the parameters say."""
+    """All parameter values, by config."""
 
     node: NodeConfig
     world: WorldConfig
@@ -112,13 +111,15 @@ class Scene:
 
 
 def table(lists: SceneLists) -> dict[str, Setting]:
-    """Return every parameter's name and `Setting`, in the order of the documentation."""
-    parts: list[tuple[str, type]] = [('', NodeConfig), ('', WorldConfig), ('', SceneLists)]
+    """Return name and `Setting` of each parameter, in the order of the documentation."""
+    configs: list[tuple[str, type]] = [('', NodeConfig), ('', WorldConfig), ('', SceneLists)]
     for name in lists.bodies:
-        parts += [(f'{name}.', BodyConfig), (f'{name}.', Appearance)]
-    parts += [(f'{name}.', ObstacleConfig) for name in lists.obstacles]
+        configs += [(f'{name}.', BodyConfig), (f'{name}.', Appearance)]
+    configs += [(f'{name}.', ObstacleConfig) for name in lists.obstacles]
     return {
-        prefix + dotted: facts for prefix, part in parts for _, dotted, facts in settings(part)
+        prefix + dotted: facts
+        for prefix, config in configs
+        for _, dotted, facts in settings(config)
     }
 
 
@@ -136,14 +137,14 @@ def scene_lists(values: Mapping[str, Any]) -> SceneLists:
 
 def known_values(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
     """
-    Sort out what a YAML file or a command line gives.
+    Separate given parameter values into known and unknown ones.
 
     Returns
     -------
     values : dict
-        of the scene, integers promoted; misspelt names of things in it are left to `make_scene`
+        of the scene, integers promoted to floats; `make_scene` rejects unknown names among them
     unknown : dict
-        for each name that is nobody's, a clause that helps
+        a hint for each name that belongs to nothing in the scene
 
     Raises
     ------
@@ -166,12 +167,12 @@ def known_values(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
 
 def make_scene(values: Mapping[str, Any]) -> Scene:
     """
-    Return the scene that parameter values describe; missing ones have their default.
+    Return the scene that parameter values describe; missing ones are defaults.
 
     Raises
     ------
     ConfigError
-        if a name is unknown, a value wrong, or values contradict each other.
+        if a name is unknown, a value invalid, or values contradict each other.
 
     """
     lists = scene_lists(values)
@@ -180,10 +181,10 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
         if name not in known:
             raise ConfigError(f'unknown parameter {name}: {unknown_name(name, list(known))}')
 
-    def fields(part: type, prefix: str = '') -> dict[str, Any]:
+    def fields(config: type, prefix: str = '') -> dict[str, Any]:
         return {
             field: values[prefix + dotted]
-            for field, dotted, _ in settings(part)
+            for field, dotted, _ in settings(config)
             if prefix + dotted in values
         }
 
@@ -210,7 +211,7 @@ def _with_mesh_path(config: _HasMesh) -> _HasMesh:
 
 def mesh_path(mesh: str) -> str:
     """
-    Return the path that a `mesh` parameter means; names of primitives stay.
+    Resolve the path of a `mesh` parameter; names of primitives are returned unchanged.
 
     Raises
     ------
@@ -231,33 +232,8 @@ def mesh_path(mesh: str) -> str:
         ) from None
 
 
-def share_directory(package: str) -> str:
-    """
-    Return where the files of a package lie; of this one also where pip put or git left them.
-
-    Raises
-    ------
-    LookupError, ValueError, OSError, ImportError
-        if they are nowhere.
-
-    """
-    source = pathlib.Path(__file__).parents[2]
-    if package == 'softbody_ros' and (source / 'package.xml').is_file():
-        return str(source)
-    try:
-        # here, not above: what bakes a scene needs no ROS
-        from ament_index_python.packages import get_package_share_directory
-
-        return get_package_share_directory(package)
-    except (LookupError, OSError, ImportError):
-        installed = pathlib.Path(sys.prefix) / 'share' / package
-        if package == 'softbody_ros' and installed.is_dir():
-            return str(installed)
-        raise
-
-
 def promoted(value: Any, facts: Setting) -> Any:
-    """Return integers as floats where the parameter is a float; all else as it is."""
+    """Return a value with integers as floats if the parameter is a float."""
     if isinstance(facts.default, float) and _is_integer(value):
         return float(value)
     if facts.length is not None and isinstance(value, Iterable) and not isinstance(value, str):
@@ -272,14 +248,14 @@ def _is_integer(value: Any) -> bool:
 
 
 def as_parameter(value: Any, facts: Setting) -> Any:
-    """Return a setting's value as rclpy wants it, which cannot tell the type of an empty list."""
+    """Return a value as a ROS parameter: rclpy cannot infer the type of an empty list."""
     if isinstance(value, (tuple, list)):
         return list(value) or ([''] if facts.items is str else [-1])
     return value
 
 
 def type_name(facts: Setting) -> str:
-    """Return the type as ROS tools name it."""
+    """Return the name of the type in ROS tools."""
     names = {int: 'integer', float: 'double', str: 'string'}
     if isinstance(facts.default, tuple):
         return names[facts.items or float] + ' array'

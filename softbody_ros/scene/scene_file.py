@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The scene in a parameter file and `-p` arguments, read as rcl reads them, without ROS.
+Reader of parameter files and `-p` arguments with the rules of rcl, without ROS.
 
-PyYAML splits the text into nodes; what their scalars mean is up to rcl, not to YAML: `1e-3` is a
-number, `~` a text, `010` is eight.
+PyYAML splits the text into nodes; the meaning of scalars is that of rcl, not of YAML: `1e-3` is a
+number, `~` a string, `010` is eight.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NO = frozenset(['N', 'n', 'no', 'No', 'NO', 'false', 'False', 'FALSE', 'off', 'O
 OCTAL = re.compile('[+-]?0[0-7]*')
 WHOLE = re.compile(f'{OCTAL.pattern}|[+-]?(0[xX][0-9a-fA-F]+|[1-9][0-9]*)')
 LONGEST_WHOLE = 200
-"""Characters: more make no integer of 64 bits, and might not fit into a float."""
+"""Characters; longer ones are no 64-bit integers, and may overflow a float."""
 DECIMAL = re.compile(
     r'[+-]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|\.?(nan|NaN|NAN|inf|Inf|INF))'
 )
@@ -33,24 +33,24 @@ DECIMAL = re.compile(
 
 def read_scene(path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
     """
-    Return the values that the node would get from `--params-file path -p assignment ...`.
+    Return the values that a node gets from `--params-file path -p assignment ...`.
 
     Parameters
     ----------
     path : str
         of a YAML file
     assignments : sequence of str
-        each `name:=value`, as if they came last in the section /** of the file
+        each `name:=value`, as if at the end of the section /** of the file
 
     Returns
     -------
     dict
-        dotted names and bool, int, float, str or lists of them; None for an empty list
+        dotted names to bool, int, float, str or lists of them; None for an empty list
 
     Raises
     ------
     ConfigError
-        if there is no such file or rcl would not take it; with one sentence.
+        if there is no such file, or rcl would reject it; with one sentence.
 
     """
     try:
@@ -64,12 +64,12 @@ def read_scene(path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
     if root is not None:
         for section, parameters in _sections(root, (), path):
             sections.setdefault(section, {}).update(_flattened(parameters, '', path))
-    # so does rcl: a section for the node by its name, after this one, outdoes the command line
+    # as in rcl: a later section with the name of the node overrides the command line
     sections.setdefault(EVERY_NODE, {}).update(_assigned(each) for each in assignments)
     values: dict[str, Any] = {}
-    for section, part in sections.items():
+    for section, parameters in sections.items():
         if _means_the_node(section):
-            values |= part
+            values |= parameters
     return values
 
 
@@ -89,7 +89,7 @@ def _composed(text: str, what: str) -> yaml.Node | None:
 def _sections(
     node: yaml.Node, names: tuple[str, ...], path: str
 ) -> Iterator[tuple[str, yaml.MappingNode]]:
-    """Yield the name of each node of the file, wildcards included, and its parameters."""
+    """Yield the node name of each section, which may have wildcards, and its parameters."""
     if not isinstance(node, yaml.MappingNode):
         raise ConfigError(
             f'scene {path}, line {_line(node)}: parameters stand below the name of a node and '
@@ -105,7 +105,7 @@ def _sections(
 
 
 def _means_the_node(section: str) -> bool:
-    """Return whether the name of a section, with * for one token and ** for any, fits."""
+    """Return whether a section name, with * for one token and ** for any, matches the node."""
     wild = {'/**': r'(/\w+)*', '/*': r'/\w+'}
     pattern = re.sub(r'/\*\*?', lambda found: wild[found[0]], '/' + section.lstrip('/'))
     return re.fullmatch(pattern, NODE) is not None
@@ -151,7 +151,7 @@ def _value(node: yaml.Node, what: str) -> Any:
 
 
 def _scalar(node: yaml.ScalarNode, what: str) -> bool | int | float | str:
-    """Return what rcl takes a scalar for: get_value in rcl_yaml_param_parser/src/parse.c."""
+    """Return the value of a scalar in rcl: get_value in rcl_yaml_param_parser/src/parse.c."""
     text = str(node.value)
     if node.style in ('"', "'"):
         return text

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Ticks along a clock, and the history that lets them be replayed; knows nothing of ROS."""
+"""Stepping along a clock, and the history of snapshots and actions for replay; no ROS."""

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What has happened to a world, so that it can go back to any earlier tick: pure Python, no ROS.
+History of a world, from which any earlier tick can be recomputed: pure Python, no ROS.
 
-Snapshots at regular ticks, thinned out with age to stay within a budget of memory, and everything
-that has acted on the world in between. A restored snapshot, stepped on with the same actions at
-the same ticks, gives the same bits as the first time.
+Snapshots at regular ticks, thinned out with age to stay within a budget of memory, and all actions
+on the world in between. Stepping on from a restored snapshot with the same actions at the same
+ticks reproduces the same bits.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from dataclasses import dataclass
 from softbody_ros.core import Snapshot, World, WorldConfig
 
 INTERVAL = 0.25
-"""Simulated seconds between two snapshots while they are dense."""
+"""Simulated seconds between two snapshots before they are thinned out."""
 MOST_ACTIONS = 100_000
-"""Beyond so many the oldest are forgotten: times before them come back without them."""
+"""Beyond that the oldest are dropped, and replay of earlier times lacks them."""
 LEAST_ACTION_BYTES = 8 * 2**20
-"""What actions may take however little memory there is: without any the past would be another."""
+"""Actions may always take this much: without them a replay would give other states."""
 
 Action = Callable[[World], None]
 
 
 @dataclass(frozen=True)
-class Note:
-    """Something that has acted on the world when it was at a tick."""
+class LoggedAction:
+    """An action on the world, and the tick at which it took place."""
 
     tick: int
     action: Action
@@ -36,8 +36,8 @@ class Note:
 
 
 @dataclass(frozen=True)
-class Page:
-    """The state of a world at a tick, and the parameters that were in force."""
+class Checkpoint:
+    """The state of a world at a tick, and the parameters in force."""
 
     snapshot: Snapshot
     config: WorldConfig
@@ -50,15 +50,15 @@ class Page:
 
 class History:
     """
-    The past of one world.
+    Snapshots of one world and the actions on it.
 
     Parameters
     ----------
     world : World
-        its present state is the beginning, which is never forgotten
+        its present state is the beginning, which is never dropped
     memory : float
-        bytes that snapshots and what has acted on the world may take, the latter half of them; at
-        least the beginning is kept
+        budget of bytes for snapshots and actions, half of it for actions; the beginning is always
+        kept
 
     """
 
@@ -67,75 +67,80 @@ class History:
         self.begin(world)
 
     def begin(self, world: World) -> None:
-        """Forget everything: the present state is the beginning."""
-        self._pages = [Page(world.snapshot(), world.config)]
-        self._notes: deque[Note] = deque()
-        self._noted = 0
+        """Drop everything: the present state is the beginning."""
+        self._checkpoints = [Checkpoint(world.snapshot(), world.config)]
+        self._actions: deque[LoggedAction] = deque()
+        self._action_bytes = 0
 
     @property
-    def beginning(self) -> Page:
-        """The state that everything began with."""
-        return self._pages[0]
+    def beginning(self) -> Checkpoint:
+        """The first checkpoint."""
+        return self._checkpoints[0]
 
     @property
     def ticks(self) -> list[int]:
         """Ticks of the snapshots, in order."""
-        return [page.tick for page in self._pages]
+        return [checkpoint.tick for checkpoint in self._checkpoints]
 
     @property
     def nbytes(self) -> int:
-        """Memory that the snapshots take, and what has acted on the world."""
-        return sum(page.snapshot.nbytes for page in self._pages) + self._noted
+        """Bytes that the snapshots and the actions take."""
+        return (
+            sum(checkpoint.snapshot.nbytes for checkpoint in self._checkpoints)
+            + self._action_bytes
+        )
 
     @property
     def most_for_actions(self) -> float:
-        """Bytes that what has acted on the world may take."""
+        """Budget of bytes for actions."""
         return max(0.5 * self.memory, LEAST_ACTION_BYTES)
 
-    def note(self, tick: int, action: Action, nbytes: int = 0) -> None:
-        """Remember what acts on the world at a tick, and how much memory it takes."""
-        self._notes.append(Note(tick, action, nbytes))
-        self._noted += nbytes
-        while len(self._notes) > MOST_ACTIONS or self._noted > self.most_for_actions:
-            self._noted -= self._notes.popleft().nbytes
+    def log(self, tick: int, action: Action, nbytes: int = 0) -> None:
+        """Record an action at a tick, and the memory that it takes."""
+        self._actions.append(LoggedAction(tick, action, nbytes))
+        self._action_bytes += nbytes
+        while len(self._actions) > MOST_ACTIONS or self._action_bytes > self.most_for_actions:
+            self._action_bytes -= self._actions.popleft().nbytes
 
     def record(self, world: World) -> None:
-        """Take a snapshot if the tick of the world is one for it."""
+        """Take a snapshot if one is due at the tick of the world."""
         every = max(round(INTERVAL / world.config.time_step), 1)
-        if world.tick % every or world.tick <= self._pages[-1].tick:
+        if world.tick % every or world.tick <= self._checkpoints[-1].tick:
             return
-        if self.memory <= self._pages[0].snapshot.nbytes:
+        if self.memory <= self._checkpoints[0].snapshot.nbytes:
             return
-        self._pages.append(Page(world.snapshot(), world.config))
+        self._checkpoints.append(Checkpoint(world.snapshot(), world.config))
         self._thin_out()
 
     def _thin_out(self) -> None:
-        """Forget those snapshots whose gap, once they are gone, is smallest for its age."""
-        free = self.memory - min(self._noted, 0.5 * self.memory)
-        excess, now = self.nbytes - self._noted - free, self._pages[-1].tick
-        while excess > 0 and len(self._pages) > 2:
+        """Drop the snapshots whose removal leaves the smallest gap relative to its age."""
+        free = self.memory - min(self._action_bytes, 0.5 * self.memory)
+        excess, now = self.nbytes - self._action_bytes - free, self._checkpoints[-1].tick
+        while excess > 0 and len(self._checkpoints) > 2:
             gaps = [
                 (after.tick - before.tick) / (now - before.tick)
-                for before, after in zip(self._pages, self._pages[2:], strict=False)
+                for before, after in zip(self._checkpoints, self._checkpoints[2:], strict=False)
             ]
-            page = self._pages.pop(1 + gaps.index(min(gaps)))
-            excess -= page.snapshot.nbytes
+            checkpoint = self._checkpoints.pop(1 + gaps.index(min(gaps)))
+            excess -= checkpoint.snapshot.nbytes
 
-    def go_back(self, world: World, tick: int) -> deque[Note]:
+    def rewind(self, world: World, tick: int) -> deque[LoggedAction]:
         """
-        Put the world into the newest snapshot at or before a tick, and forget what came later.
+        Restore the newest snapshot at or before a tick, and drop what is later.
 
         Returns
         -------
-        deque of Note
-            what has to act again on the way from there to `tick`
+        deque of LoggedAction
+            actions to repeat between the snapshot and `tick`
 
         """
-        while len(self._pages) > 1 and self._pages[-1].tick > tick:
-            self._pages.pop()
-        page = self._pages[-1]
-        while self._notes and self._notes[-1].tick >= tick:
-            self._noted -= self._notes.pop().nbytes
-        world.configure(page.config)
-        world.restore(page.snapshot)
-        return deque(note for note in self._notes if note.tick >= page.tick)
+        while len(self._checkpoints) > 1 and self._checkpoints[-1].tick > tick:
+            self._checkpoints.pop()
+        checkpoint = self._checkpoints[-1]
+        while self._actions and self._actions[-1].tick >= tick:
+            self._action_bytes -= self._actions.pop().nbytes
+        # first, for bodies added or removed since: the config has those of the snapshot
+        world.restore(checkpoint.snapshot)
+        world.configure(checkpoint.config)
+        world.restore(checkpoint.snapshot)  # another config wakes bodies
+        return deque(logged for logged in self._actions if logged.tick >= checkpoint.tick)

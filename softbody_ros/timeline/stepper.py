@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Which tick is due at which time of the driving clock; pure Python, knows nothing of ROS."""
+"""Steps a world along a clock: which tick is due at which time; pure Python, no ROS."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import math
 import time
 
 from softbody_ros.core import World, WorldConfig
-from softbody_ros.timeline.history import Action, History, Note
+from softbody_ros.timeline.history import Action, History, LoggedAction
 
 SLICE = 0.02
-"""Seconds of work after which the caller gets the control back, so that it stays responsive."""
+"""Seconds of work after which control returns to the caller, which stays responsive."""
 LARGEST_LAG = 0.05
-"""Seconds that a world driven by wall time may be behind before it drops the rest."""
+"""Seconds that a world driven by wall time may lag before the lag is dropped."""
 CATCH_UP = 0.5
-"""Further behind than this, one state per slice is published: progress instead of a flood."""
+"""Seconds of lag above which only one state per slice is published."""
 MOST_SEGMENTS = 10_000
 MEBIBYTE = 2.0**20
 
@@ -26,7 +26,7 @@ MEBIBYTE = 2.0**20
 @dataclass(frozen=True)
 class Segment:
     """
-    From a time of the clock on, ticks follow each other at a fixed distance.
+    A piece of the map from ticks to times, from `time` on: ticks at a fixed period.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Segment:
     tick : int
         the tick of that time
     period : float
-        ns from tick to tick; infinite while nothing moves
+        ns per tick; infinite while paused
 
     """
 
@@ -50,7 +50,7 @@ class Segment:
         return self.time + round((tick - self.tick) * self.period)
 
     def tick_at(self, now: int) -> int:
-        """Return the last tick that is due at a time: the inverse of `time_of`, to the ns."""
+        """Return the last tick due at a time: the inverse of `time_of`, to the ns."""
         if math.isinf(self.period):
             return self.tick
         tick = self.tick + math.floor((now - self.time) / self.period)
@@ -59,20 +59,20 @@ class Segment:
 
 class Stepper:
     """
-    Steps a world along a clock: a whole number of ticks, whatever the calls' timing.
+    Steps a world along a clock in whole ticks, however the calls are timed.
 
-    Times of the clock are integer nanoseconds. Ticks follow the clock in segments: pausing,
-    resetting, another speed and dropping begin a new one. When the clock goes back, the world goes
-    back to the tick that belonged to that time, bit by bit, with everything that had acted on it
-    until then; what has acted on it later is undone.
+    Times of the clock are integer nanoseconds. Ticks map to times in segments: a pause, a reset,
+    another speed and dropped time begin a new one. When the clock goes back, so does the world, to
+    the state of the tick that belonged to that time, bit by bit, including all actions until then;
+    later actions are undone.
 
     Parameters
     ----------
     world : World
     rates : mapping of str to float
-        outputs and how often each is due, Hz of the clock's time; 0 is never
+        rate of each output, Hz of the clock's time; 0 is never
     stopwatch : callable
-        seconds that only grow, to bound the work of a slice
+        monotonic seconds, to bound the work of a slice
 
     """
 
@@ -93,16 +93,16 @@ class Stepper:
         self._segments: list[Segment] = []
         self._publish_now = True
         self._steps_left = 0
-        # on the way back to a tick that has been: what acts again, and what has to wait until then
-        self._replay: deque[Note] = deque()
+        # replay queue; inputs deferred until the replay ends
+        self._replay: deque[LoggedAction] = deque()
         self._replay_end = 0
-        self._waiting: list[tuple[Action, int]] = []
+        self._deferred: list[tuple[Action, int]] = []
         self._config = world.config
 
     # ------------------------------------------------------------------------------ tick and time
     @property
     def started(self) -> bool:
-        """Whether the clock has been seen."""
+        """Whether a time of the clock has been received."""
         return bool(self._segments)
 
     def time_of(self, tick: int) -> int:
@@ -113,7 +113,7 @@ class Stepper:
         return self._segments[0].time_of(tick) if self._segments else 0
 
     def lag(self, now: int) -> float:
-        """Return how far the world is behind the clock, s of the clock's time."""
+        """Return the lag of the world behind the clock, s of the clock's time."""
         if not self._moves or not self.started:
             return 0.0
         return (now - self._segments[-1].time_of(self.world.tick)) * 1e-9
@@ -128,7 +128,7 @@ class Stepper:
 
     @property
     def replaying(self) -> bool:
-        """Whether the world is on its way to a tick that it has been at before."""
+        """Whether the world is repeating ticks after the clock went back."""
         return self.world.tick < self._replay_end
 
     def _due_tick(self, now: int) -> int:
@@ -139,33 +139,33 @@ class Stepper:
     # ----------------------------------------------------------------------------------- commands
     def act(self, action: Action, nbytes: int = 0) -> None:
         """
-        Do something to the world, and remember it for the next time that the tick comes.
+        Apply an action to the world, and record it for replays of this tick.
 
         Parameters
         ----------
         action : callable
-            it must not change, nor what it refers to
+            immutable, like all that it refers to
         nbytes : int
             memory that it takes
 
         """
         if self.replaying:
-            self._waiting.append((action, nbytes))
-            # a way back may be long: of clouds that come meanwhile the last ones are enough
-            while sum(size for _, size in self._waiting) > self.history.most_for_actions:
-                self._waiting.pop(0)
+            self._deferred.append((action, nbytes))
+            # a replay may be long: of the clouds received meanwhile the last ones are enough
+            while sum(size for _, size in self._deferred) > self.history.most_for_actions:
+                self._deferred.pop(0)
             return
         action(self.world)
-        self.history.note(self.world.tick, action, nbytes)
+        self.history.log(self.world.tick, action, nbytes)
 
     def configure(self, config: WorldConfig) -> None:
         """
-        Let the world have other parameters from the current tick on.
+        Use other parameters from the current tick on.
 
         Raises
         ------
         ConfigError
-            if it cannot have them; nothing has changed then.
+            if they are invalid; nothing has changed then.
 
         """
         self.world.check(config)
@@ -174,30 +174,30 @@ class Stepper:
             self.act(lambda world: world.configure(config))
 
     def reanchor(self, now: int) -> None:
-        """Let the current tick be now: what lies between is neither simulated nor dropped."""
+        """Map the current tick to `now`; the time between is neither simulated nor dropped."""
         self._segments = [segment for segment in self._segments if segment.time < now]
         self._segments = self._segments[-MOST_SEGMENTS:]
         self._segments.append(Segment(now, max(self.world.tick, self._replay_end), self._period))
 
     def switch_clock(self, now: int) -> None:
-        """Go on from the current tick by another clock."""
+        """Continue from the current tick on another clock."""
         if self.started:
             begin = now - round(1e9 * self.world.time)
             self._segments = [Segment(begin, 0, 1e9 * self.world.config.time_step)]
             self.reanchor(now)
 
     def publish_now(self) -> None:
-        """Let the next `advance` begin with all outputs of the current state."""
+        """Make all outputs due at the next `advance`, before it steps."""
         self._publish_now = True
 
     def set_time_scale(self, scale: float, now: int) -> None:
-        """Go on at another speed from now."""
+        """Continue at another speed from now."""
         if scale != self.time_scale:
             self.time_scale = scale
             self._reanchor_if_started(now)
 
     def pause(self, paused: bool, now: int) -> None:
-        """Stop, or go on from the current tick."""
+        """Pause, or continue from the current tick."""
         if paused != self.paused:
             self.paused, self._steps_left = paused, 0
             self._reanchor_if_started(now)
@@ -208,17 +208,17 @@ class Stepper:
             self.reanchor(now)
 
     def single_step(self, ticks: int) -> None:
-        """Ask for ticks while paused: `take_steps` takes them, in slices."""
+        """Request ticks while paused; `take_steps` takes them, in slices."""
         self._steps_left = ticks
 
     @property
     def stepping(self) -> bool:
-        """Whether ticks that have been asked for are still to be taken."""
+        """Whether requested ticks remain to be taken."""
         return self._steps_left > 0
 
     def take_steps(self, now: int) -> None:
         """
-        Take ticks that have been asked for, one slice of work at most; the tick reached is now.
+        Take requested ticks, one slice of work at most; the tick reached maps to `now`.
 
         Raises
         ------
@@ -237,15 +237,16 @@ class Stepper:
 
     def reset(self, now: int) -> None:
         """
-        Return to the initial state: tick 0 is now, and there is no past.
+        Return to the initial state: tick 0 maps to `now`, and the history begins anew.
 
-        What others have put in the way stays there, even if a way back has not come to it yet.
+        Obstacles received at run time stay, also those that a running replay has not reached yet.
         """
-        for action in [note.action for note in self._replay] + [item for item, _ in self._waiting]:
+        actions = [logged.action for logged in self._replay]
+        for action in actions + [item for item, _ in self._deferred]:
             action(self.world)
-        self._replay, self._replay_end, self._waiting = deque(), 0, []
+        self._replay, self._replay_end, self._deferred = deque(), 0, []
         self._steps_left = 0
-        self.world.configure(self._config)
+        self.world.configure(self.world.adapted(self._config))
         self.world.reset()
         self.history.begin(self.world)
         if self.started:
@@ -255,10 +256,10 @@ class Stepper:
 
     def rewind(self, now: int) -> None:
         """
-        Follow a clock that went back: to the tick that belonged to that time.
+        Follow a clock that went back, to the tick that belonged to that time.
 
-        `advance` simulates the way there from the snapshot before it. Before the beginning the
-        initial state is what there is. While nothing moves, the present state stays.
+        `advance` replays the ticks from the snapshot before it. Before the beginning the initial
+        state is used. While paused, the present state stays.
         """
         if not self.started:
             return
@@ -269,21 +270,22 @@ class Stepper:
         tick = max(earlier[-1].tick_at(now), 0) if earlier else 0
         if tick >= max(self.world.tick, self._replay_end):
             return
-        self._replay = self.history.go_back(self.world, tick)
+        self._replay = self.history.rewind(self.world, tick)
         self._replay_end = tick
         self._segments = earlier or self._segments[:1]
         if earlier and earlier[-1].period != self._period:
             self.reanchor(now)
         self.publish_now()
         if not self.replaying:
-            self._arrive()
+            self._end_replay()
 
-    def _arrive(self) -> None:
-        """Go on with the present parameters, and with what has been asked for on the way."""
-        waiting, self._waiting = self._waiting, []
-        if self.world.config != self._config:
-            self.configure(self._config)
-        for action, nbytes in waiting:
+    def _end_replay(self) -> None:
+        """Apply the present parameters, and the inputs deferred during the replay."""
+        deferred, self._deferred = self._deferred, []
+        config = self.world.adapted(self._config)
+        if self.world.config != config:
+            self.configure(config)
+        for action, nbytes in deferred:
             self.act(action, nbytes)
 
     # ------------------------------------------------------------------------------------ advance
@@ -291,16 +293,16 @@ class Stepper:
         """
         Step to the tick that is due, one slice of work at most.
 
-        Yields the outputs that are due at the current tick, with the world in that state. An
-        output is due at the ticks that its rate selects, so the same ones however the calls are
-        timed; and at once after a start, a reset, a pause, a step or a jump.
+        Yields the outputs that are due, with the world at their tick. The ticks at which an output
+        is due follow from its rate alone, not from the timing of calls; in addition all are due at
+        once after a start, a reset, a pause, a step or a jump.
 
         Parameters
         ----------
         now : int
             the clock's time, ns
         drop_overload : bool
-            whether time that cannot be simulated in time is dropped (wall time) or kept (/clock)
+            whether a lag that cannot be caught up is dropped (wall time) or kept (/clock)
 
         Raises
         ------
@@ -339,12 +341,12 @@ class Stepper:
         self.world.step()
         self.history.record(self.world)
         if replaying and not self.replaying:
-            self._arrive()
+            self._end_replay()
         self.busy += self._stopwatch() - begin
 
     def _due_outputs(self) -> set[str]:
         tick, h = self.world.tick, self.world.config.time_step
-        # multiples of the period of each output, counted from tick 0
+        # at multiples of its period since tick 0
         return {
             output
             for output, rate in self.rates.items()

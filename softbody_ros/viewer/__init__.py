@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The command `viewer`: a web page that shows what a node publishes, and steers it.
+The command `viewer`: a web page that displays a node's output and controls it.
 
-`app` is the ROS node that wires the rest together: what comes (`frames`) is drawn (`stage`), the
-observed node's parameters (`remote`) are described (`fields`) and become the panel (`panel`).
+`app` is the ROS node that connects the rest: messages are decoded (`decoding`) and drawn
+(`view3d`); the parameters of the observed node (`remote`) become fields (`widgets`) of the panel
+(`panel`).
 """

@@ -51,7 +51,7 @@ def main() -> int:
 
 
 def _wait_for_eof(stop: threading.Event) -> None:
-    # not sys.stdin.read: a thread that holds its lock at the end is a fatal error
+    # not sys.stdin.read: a daemon thread that holds its lock at exit is a fatal error
     while os.read(0, 1024):
         pass
     stop.set()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The viewer's ROS node: what it hears goes to the page, what is done there to the other node."""
+"""The ROS node of the viewer: displays received messages, and forwards actions on the page."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ from softbody_ros.viewer.decoding import Frame, FrameError, Surface
 from softbody_ros.viewer.panel import Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
-from softbody_ros.viewer.view3d import Stage
+from softbody_ros.viewer.view3d import View3D
 from softbody_ros.viewer.widgets import Field
 
 SILENCE = 3.0
-"""Seconds after which a node that says nothing is gone: its diagnostics come once a second."""
+"""Seconds without a message after which a node is gone: diagnostics come once a second."""
 IN_FLIGHT = 0.5
-"""Seconds for which diagnostics from before a pause may still arrive after its answer."""
+"""Seconds after the response to a pause in which older diagnostics may still arrive."""
 MEMORY = 5.0
-"""Seconds for which the legend remembers the largest displacement."""
+"""Seconds for which the legend holds the largest displacement."""
 LEGEND_ENDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Viewer(Node):
     """
-    Shows the node `target` on the pages of a server.
+    Displays the node `target` on the pages of a server.
 
-    All of it happens in the thread that spins this node; the server's threads only leave tasks.
+    Everything runs in the thread that spins this node; the server's threads only queue tasks.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Viewer(Node):
     ) -> None:
         super().__init__('softbody_viewer', **node_arguments)
         self._server, self._target = server, target
-        self._stage = Stage(server, shadows)
+        self._view = View3D(server, shadows)
         self._panel = Panel(server.gui, self._later, self._act, self._change)
         self._remote = Remote(self, target, self)
         self._names: list[str] = []
@@ -76,8 +76,8 @@ class Viewer(Node):
         self._drawn = ''
         self._cloud: bytes | None = None
         self._frame: Frame | None = None
-        self._heard = self._answered = -SILENCE
-        self._clouds = self._pictures = 0
+        self._last_heard = self._last_answer = -SILENCE
+        self._clouds = self._shown = 0
         self._report: dict[str, str] = {}
         self._summary = ''
         self._peaks: list[tuple[float, float]] = []
@@ -86,7 +86,7 @@ class Viewer(Node):
         def listen(kind: type, topic: str, use: Callable, qos: Any, raw: bool = False) -> None:
             self.create_subscription(kind, topic, use, qos, raw=raw)
 
-        # raw: more clouds come than are shown
+        # raw: only those clouds that are shown get deserialized
         listen(PointCloud2, f'{target}/points', self._take_cloud, 1, raw=True)
         listen(Mesh, f'{target}/rest_mesh', self._take_mesh, LATCHED, raw=True)
         listen(MarkerArray, f'{target}/obstacle_markers', self._take_obstacles, LATCHED)
@@ -106,13 +106,13 @@ class Viewer(Node):
         self._tell()
 
     def _later(self, task: Callable[[], Any]) -> None:
-        """Have something done in the thread of this node."""
+        """Queue a task for the thread of this node."""
         if self.executor is not None:
             self.executor.create_task(task)
 
-    # ------------------------------------------------------------------------------ what is heard
+    # ----------------------------------------------------------------------------------- messages
     def _take_cloud(self, cloud: bytes) -> None:
-        self._cloud, self._heard = cloud, time.monotonic()
+        self._cloud, self._last_heard = cloud, time.monotonic()
         self._clouds += 1
 
     def _take_mesh(self, mesh: bytes) -> None:
@@ -122,26 +122,26 @@ class Viewer(Node):
             self._problem = f'{self._target}/rest_mesh: {error}'
             return
         if len(surface.vertices) and not surface.is_where(self._surface):
-            self._stage.look_at(surface)
-        # if there was one already, it may be of another node of this name
+            self._view.look_at(surface)
+        # after an earlier one: a new node of this name may have other parameters
         self._is_outdated = self._surface is not None
         self._surface, self._drawn = surface, ''
 
     def _take_obstacles(self, message: MarkerArray) -> None:
-        self._stage.set_obstacles(message.markers)
+        self._view.set_obstacles(message.markers)
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._target:
-                self._heard = time.monotonic()
+                self._last_heard = time.monotonic()
                 self._summary = status.message
                 self._report = {item.key: item.value for item in status.values}
-                if self._heard - self._answered >= IN_FLIGHT:
+                if self._last_heard - self._last_answer >= IN_FLIGHT:
                     self._panel.paused(status.message.startswith('paused'))
 
-    # ------------------------------------------------------------------------------ what is shown
+    # ------------------------------------------------------------------------------------ display
     def _show(self) -> None:
-        """Show the newest cloud, if it has not been shown."""
+        """Show the newest cloud if there is a new one."""
         cloud, self._cloud = self._cloud, None
         if cloud is None or self._surface is None:
             return
@@ -158,20 +158,20 @@ class Viewer(Node):
         if frame is None or self._surface is None or not self._surface.fits(frame):
             return
         bodies = int(frame.body.max(initial=0)) + 1
-        wanted = [
+        colors = [
             self._colors[index] if index < len(self._colors) else _palette(index)
             for index in range(bodies)
         ]
-        if self._drawn != repr(wanted):
-            self._drawn = repr(wanted)
-            self._stage.set_bodies(self._surface, frame.body, wanted)
+        if self._drawn != repr(colors):
+            self._drawn = repr(colors)
+            self._view.set_bodies(self._surface, frame.body, colors)
         most = self._largest(frame) if self._panel.by_displacement else None
         self._panel.legend(most)
-        self._stage.show(frame, most)
-        self._pictures += 1
+        self._view.show(frame, most)
+        self._shown += 1
 
     def _largest(self, frame: Frame) -> float:
-        """Return the end of the legend, m: a round number beyond the last displacements."""
+        """Return the end of the legend, m: a round number above the recent displacements."""
         largest = float(np.nan_to_num(frame.displacement, posinf=0.0).max(initial=0.0))
         now = time.monotonic()
         self._peaks = [
@@ -181,12 +181,12 @@ class Viewer(Node):
         return decoding.round_up(max(self._peaks[0][1], 1e-3), LEGEND_ENDS)
 
     def _tell(self) -> None:
-        """Write the status of the last second."""
+        """Update the status text with the last second."""
         now = time.monotonic()
         seconds, self._counted = now - self._counted, now
-        clouds, pictures = self._clouds / max(seconds, 1e-9), self._pictures / max(seconds, 1e-9)
-        self._clouds = self._pictures = 0
-        silent = now - self._heard
+        clouds, shown_rate = self._clouds / max(seconds, 1e-9), self._shown / max(seconds, 1e-9)
+        self._clouds = self._shown = 0
+        silent = now - self._last_heard
         if self._frame is None and silent >= SILENCE:
             text = f'**Waiting for {self._target}.** {self._others()}'
         elif silent >= SILENCE:
@@ -200,9 +200,9 @@ class Viewer(Node):
                 state = (
                     self._summary.split(': ')[0] if 'too slow' in self._summary else self._summary
                 )
-            # as many lines as ever: the sliders below must not jump
+            # always the same number of lines: the sliders below must not jump
             vertices = 0 if self._frame is None else len(self._frame.positions)
-            facts = f'{clouds:.0f} clouds/s, {pictures:.0f} shown · {vertices} vertices'
+            facts = f'{clouds:.0f} clouds/s, {shown_rate:.0f} shown · {vertices} vertices'
             if self._report:
                 facts += (
                     f'  \nreal-time factor {self._report.get("real-time factor", "?")} · '
@@ -213,7 +213,7 @@ class Viewer(Node):
         self._panel.settle()
 
     def _others(self) -> str:
-        """Return what to do when the node is not to be seen."""
+        """Return advice for when the node is not found."""
         names = [
             topic.removesuffix('/rest_mesh')
             for topic, _ in self.get_topic_names_and_types()
@@ -223,10 +223,10 @@ class Viewer(Node):
             return f'There is {", ".join(names)}: to show it, start `viewer --node {names[0]}`.'
         return 'Start it with `sim_node`, or play a bag; the same `ROS_DOMAIN_ID` is needed.'
 
-    # --------------------------------------------------------------------- parameters, as listener
+    # ---------------------------------------------------------------- parameters, see `Listener`
     def _look_for_node(self) -> None:
         now = time.monotonic()
-        is_there = self._remote.is_there and now - self._heard < SILENCE
+        is_there = self._remote.is_there and now - self._last_heard < SILENCE
         if not is_there:
             self._remote.forget()
             self._is_described = False
@@ -236,7 +236,7 @@ class Viewer(Node):
         self._panel.steerable(self._is_described)
 
     def described(self, descriptors: list[ParameterDescriptor], values: dict[str, Any]) -> None:
-        """Make the panel of the node's parameters."""
+        """Build the panel from the parameters of the node."""
         self._is_described = True
         shown = [
             widgets.field(item, values[item.name])
@@ -250,7 +250,7 @@ class Viewer(Node):
         self._draw()
 
     def changed(self, name: str, value: Any) -> None:
-        """Show a parameter's value."""
+        """Display the value of a parameter."""
         self._panel.show(name, value)
         body, _, rest = name.partition('.')
         if rest == 'color' and body in self._names:
@@ -258,14 +258,14 @@ class Viewer(Node):
             self._draw()
 
     def refused(self, name: str, reason: str) -> None:
-        """Show why the node has not taken a value."""
+        """Display why the node has rejected a value."""
         self._notify(f'{name} stays as it is', reason, 'red')
 
     def _notify(self, title: str, text: str, color: Any) -> None:
         for client in self._server.get_clients().values():
             client.add_notification(title, text, auto_close_seconds=10.0, color=color)
 
-    # -------------------------------------------------------------------- what is done on the page
+    # ------------------------------------------------------------------------- actions on the page
     def _change(self, field: Field, value: Any) -> None:
         try:
             self._remote.set(field.name, field.type, widgets.from_widget(field, value))
@@ -285,7 +285,7 @@ class Viewer(Node):
         if not answer.success:
             self._notify(f'no {action}'.replace('_', ' '), answer.message, 'red')
         elif action == 'pause':
-            self._answered = time.monotonic()
+            self._last_answer = time.monotonic()
             self._panel.paused(answer.message.startswith('paused'))
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
@@ -316,7 +316,7 @@ def _rgba(color: Any) -> tuple[int, int, int, int]:
 
 
 def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.Event) -> int:
-    """Serve until `stop` is set; an address that cannot be had is one sentence and exit code 1."""
+    """Serve until `stop` is set; an unusable address is one sentence and exit code 1."""
     try:
         server = PageServer(options.host, free_port(options.host, options.port))
     except OSError as error:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to NumPy, colours of displacements, and what a click meets: pure functions."""
+"""Decoding of messages, colour maps, and ray casting for clicks: pure functions."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ COLORS = np.array(
     ],
     float,
 )  # fmt: skip
-"""RdYlBu of ColorBrewer, from blue, evenly spaced: bright enough to be shaded."""
+"""RdYlBu of ColorBrewer, from blue, evenly spaced; bright enough to be shaded."""
 PALETTE = (
     (230, 115, 51), (84, 140, 214), (106, 176, 76), (198, 92, 140),
     (228, 184, 60), (80, 176, 176), (146, 110, 200), (150, 130, 110),
 )  # fmt: skip
-"""Of bodies whose colours nobody tells."""
+"""Colours of bodies without a colour parameter."""
 
 
 class FrameError(ValueError):
-    """A message that cannot be shown; with one sentence that says why."""
+    """A message that cannot be displayed; with the reason in one sentence."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,12 @@ class Frame:
 
 def frame(cloud: Any) -> Frame:
     """
-    Return what a sensor_msgs/PointCloud2 of `~/points` says.
+    Decode a sensor_msgs/PointCloud2 of `~/points`.
 
     Raises
     ------
     FrameError
-        if it has not the fields of `~/points`, or is cut off.
+        if it lacks fields of `~/points`, or is truncated.
 
     """
     kinds = dict(POINT_FIELDS)
@@ -99,7 +99,7 @@ class Surface:
         return sums / np.maximum(lengths, 1e-30)[:, None]
 
     def is_where(self, other: Surface | None) -> bool:
-        """Whether another surface, if there is one, fills the same box."""
+        """Whether another surface has nearly the same bounding box; false without one."""
         if other is None or not len(other.vertices):
             return False
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
@@ -114,14 +114,14 @@ class Surface:
 
 def surface(data: bytes) -> Surface:
     """
-    Return what a serialized shape_msgs/Mesh of `~/rest_mesh` says.
+    Decode a serialized shape_msgs/Mesh of `~/rest_mesh`.
 
-    To make objects of 100 000 triangles takes rclpy most of a second.
+    Deserializing 100 000 triangles to objects takes rclpy most of a second.
 
     Raises
     ------
     FrameError
-        if it is cut off, a triangle has a vertex that there is not, or one is nowhere.
+        if it is truncated, an index is out of range, or a vertex is not finite.
 
     """
     try:
@@ -154,7 +154,7 @@ class Part:
 
 def parts(surface: Surface, body: np.ndarray, colors: list) -> list[Part]:
     """
-    Return the surface in as many parts as there are colours: few, however many bodies.
+    Split the surface by colour: few parts, however many bodies there are.
 
     Parameters
     ----------
@@ -176,13 +176,13 @@ def parts(surface: Surface, body: np.ndarray, colors: list) -> list[Part]:
 
 
 def to_bytes(color: Iterable[float]) -> tuple[int, ...]:
-    """Return intensities of 0 … 1 as 0 … 255, whatever else they may be."""
+    """Return intensities of 0 … 1 as 0 … 255, clipped; NaN is 0."""
     limited = np.clip(np.nan_to_num(list(color)), 0.0, 1.0)
     return tuple(int(item) for item in (255.0 * limited).round())
 
 
 def _heat_table() -> np.ndarray:
-    """Return 256 colours of `COLORS` as light intensities, which is what glTF asks for."""
+    """Return 256 colours of `COLORS` in linear light, as glTF requires."""
     places = np.linspace(0.0, len(COLORS) - 1.0, 256)
     srgb = np.stack([np.interp(places, range(len(COLORS)), channel) for channel in COLORS.T], -1)
     table = np.full((256, 4), 255.0)
@@ -194,12 +194,12 @@ _HEAT = _heat_table()
 
 
 def heat(displacement: np.ndarray, most: float) -> np.ndarray:
-    """Return the colours (n, 4), uint8, for glTF, of displacements (n,) from 0 to `most`."""
+    """Return the colours (n, 4), uint8, for glTF, of displacements (n,) on a scale to `most`."""
     return _HEAT[np.clip(255.0 / most * displacement, 0.0, 255.0).astype(np.uint8)]
 
 
 def round_up(value: float, steps: tuple[float, ...] = (1.0, 2.0, 5.0)) -> float:
-    """Return the least that is not below a positive value, of the steps times powers of ten."""
+    """Round a positive value up to the next of the steps times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     step = next(step for step in (*steps, 10.0) if step * power >= value * (1 - 1e-9))
     return float(f'{step * power:.6g}')
@@ -209,7 +209,7 @@ def first_hit(
     origin: np.ndarray, direction: np.ndarray, positions: np.ndarray, faces: np.ndarray
 ) -> np.ndarray | None:
     """
-    Return where a ray first meets a surface, (3,), or None.
+    Return the first intersection of a ray with a surface, (3,), or None.
 
     Möller & Trumbore, Fast, minimum storage ray-triangle intersection (1997).
     """
@@ -219,8 +219,8 @@ def first_hit(
     with np.errstate(divide='ignore', invalid='ignore'):
         scale = 1.0 / np.sum(ab * across, axis=-1)
         u = scale * np.sum(from_a * across, axis=-1)
-        turned = np.cross(from_a, ab)
-        v = scale * (turned @ direction)
-        distance = scale * np.sum(ac * turned, axis=-1)
+        crossed = np.cross(from_a, ab)
+        v = scale * (crossed @ direction)
+        distance = scale * np.sum(ac * crossed, axis=-1)
         hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance > 0.0)
     return origin + distance[hit].min() * direction if hit.any() else None

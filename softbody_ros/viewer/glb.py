@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces with coloured vertices, as files of glTF: what viser shows in colours."""
+"""Surfaces with vertex colours as binary glTF, which viser can display."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from softbody_ros.viewer.decoding import Surface
 
 class ColoredFile:
     """
-    A GLB file of a surface, whose vertices can be replaced.
+    A GLB file of a surface whose vertices can be replaced.
 
-    trimesh writes it, once, which takes ten times as long as to replace them. What the file says
-    of the extent of the vertices is that of the first: viser determines it anew.
+    trimesh writes it once, which takes ten times as long as replacing them. The bounds in the file
+    remain those of the first vertices: viser computes them itself.
     """
 
     def __init__(self, surface: Surface) -> None:
@@ -45,7 +45,7 @@ class ColoredFile:
 
     def filled(self, positions: np.ndarray, normals: np.ndarray, colors: np.ndarray) -> bytes:
         """
-        Return the file with these vertices.
+        Return the bytes of the file with other vertices.
 
         Parameters
         ----------

@@ -19,7 +19,7 @@ from softbody_ros.viewer.widgets import Field, Section
 
 BY_BODY, BY_DISPLACEMENT = 'body', 'displacement'
 SETTLED = 1.0
-"""Seconds after which a slider is no longer being dragged."""
+"""Seconds after its last change at which a slider counts as released."""
 LEGEND = """
 <div style="font-size:0.8em;padding:0 0.9em 0.6em">
   <div style="height:0.8em;border-radius:0.3em;background:linear-gradient(90deg,{colors})"></div>
@@ -34,10 +34,10 @@ POKING = """
 
 class Panel:
     """
-    The widgets. Whatever is done to one comes back as `act(button)` or `change(field, value)`.
+    The widgets, whose events become calls of `act(button)` or `change(field, value)`.
 
-    The server calls back in threads of its own: `later(function)` has it called in the thread
-    that everything else happens in.
+    The server calls back in its own threads: `later(function)` queues a call in the thread of the
+    viewer.
     """
 
     def __init__(
@@ -82,32 +82,32 @@ class Panel:
         button.on_click(lambda _: self._later(partial(self._act, action)))
         return button
 
-    # ------------------------------------------------------------------------------ what is shown
+    # ------------------------------------------------------------------------------------- status
     @property
     def by_displacement(self) -> bool:
-        """Whether the bodies are to be coloured by displacement."""
+        """Whether colouring by displacement is selected."""
         return self._coloring.value == BY_DISPLACEMENT
 
     def status(self, text: str) -> None:
-        """Show how it goes, in Markdown."""
+        """Set the status text, in Markdown."""
         self._status.content = text
 
     def legend(self, most: float | None) -> None:
-        """Show the colours of displacements up to `most`, m; or none."""
+        """Show the colour scale up to `most`, m, or hide it."""
         self._legend.visible = most is not None
         if most is not None:
             colors = ','.join('rgb({:.0f},{:.0f},{:.0f})'.format(*color) for color in COLORS)
             self._legend.content = LEGEND.format(colors=colors, most=_length(most))
 
     def paused(self, is_paused: bool) -> None:
-        """Show whether the time stands still."""
+        """Show whether the simulation is paused."""
         if is_paused != self.is_paused:
             self.is_paused = is_paused
             self._buttons['pause'].label = 'Go on' if is_paused else 'Pause'
             self._buttons['step'].disabled = not is_paused
 
     def steerable(self, is_there: bool) -> None:
-        """Say whether there is a node to steer."""
+        """Enable or disable all controls."""
         for name, button in self._buttons.items():
             button.disabled = not is_there or (name == 'step' and not self.is_paused)
         for widget in self._widgets.values():
@@ -122,7 +122,7 @@ class Panel:
         bodies: Sequence[str],
         obstacles: Sequence[str],
     ) -> None:
-        """Have widgets for these parameters; those that there are stay as they are."""
+        """Build widgets for these parameters, or update the present ones if they are the same."""
         wanted = {field.name: field for field in described}
         if wanted == self._fields:
             for name in wanted:
@@ -141,7 +141,7 @@ class Panel:
         self._folders.append(self._folder(rest))
 
     def _chooser(self, what: str, choices: dict[str, list[Section]]) -> list[Any]:
-        """Show the sections of one of several bodies or obstacles, and which one it is."""
+        """Show the sections of one of several bodies or obstacles, with a menu to choose it."""
         if not choices:
             return []
         holder = self._gui.add_folder(None)
@@ -202,7 +202,7 @@ class Panel:
         return self._gui.add_text(label, shown, hint=field.hint)
 
     def _updated(self, field: Field, event: Any) -> None:
-        if event.client_id is not None:  # by somebody, not by this program
+        if event.client_id is not None:  # by a user, not by this program
             self._later(partial(self._set, field, event.target.value))
 
     def _set(self, field: Field, value: Any) -> None:
@@ -210,7 +210,7 @@ class Panel:
         self._change(field, value)
 
     def show(self, name: str, value: Any) -> None:
-        """Show a parameter's value, whoever has set it."""
+        """Display the value of a parameter."""
         self._values[name] = value
         widget, field = self._widgets.get(name), self._fields.get(name)
         if widget is None or field is None or not widgets.can_show(field, value):
@@ -221,11 +221,11 @@ class Panel:
         widget.value = shown
 
     def restore(self, name: str) -> None:
-        """Show again the value that a parameter has had all the time."""
+        """Display the last known value of a parameter again."""
         self.show(name, self._values[name])
 
     def settle(self) -> None:
-        """Give the sliders another range that have been dragged to their end, or close to 0."""
+        """Adapt the range of sliders that have been dragged to their end, or close to 0."""
         now = time.monotonic()
         for name, last in list(self._dragged.items()):
             if now - last < SETTLED:
@@ -244,7 +244,7 @@ class Panel:
 
 
 def _length(metres: float) -> str:
-    """Return a length with a unit that suits it."""
+    """Return a length as text, with a suitable unit."""
     factor, unit = next(
         ((factor, unit) for factor, unit in ((1.0, 'm'), (1e2, 'cm')) if metres * factor >= 1.0),
         (1e3, 'mm'),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters and services of another node, asked without ever waiting for it."""
+"""Asynchronous client of the parameters of another node."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
 PATIENCE = 2.0
-"""Seconds after which a question that nobody has answered is asked again."""
+"""Seconds after which an unanswered request is repeated."""
 
 
 class Listener(Protocol):
-    """Who is told what the other node says."""
+    """Callbacks for the parameters of the other node."""
 
     def described(self, descriptors: list[ParameterDescriptor], values: dict[str, Any]) -> None:
-        """Take note of all parameters that the node has."""
+        """Receive all parameters of the node."""
 
     def changed(self, name: str, value: Any) -> None:
-        """Take note of a parameter's value, whoever has set it."""
+        """Receive the value of a parameter."""
 
     def refused(self, name: str, reason: str) -> None:
-        """Take note that the node has not taken a value."""
+        """Receive the reason why the node rejected a value."""
 
 
 class Remote:
     """
-    One other node. It may come and go: what it does not answer is forgotten with `forget`.
+    Client of one other node, which may come and go: `forget` drops pending requests.
 
-    Of the values that a slider passes through only the newest waits while the node is asked.
+    While a request is pending only the newest value for a parameter is queued.
     """
 
     def __init__(self, node: Node, name: str, listener: Listener) -> None:
@@ -51,18 +51,18 @@ class Remote:
 
     @property
     def is_there(self) -> bool:
-        """Whether its parameters can be asked for."""
+        """Whether its parameter services are available."""
         return self._client.services_are_ready()
 
     def forget(self) -> None:
-        """Wait no longer for what it has been asked."""
+        """Drop pending requests."""
         self._visit += 1
         self._asking.clear()
         self._wanted.clear()
         self._missed.clear()
 
     async def describe(self) -> None:
-        """Ask for all parameters; the listener is told what they are."""
+        """Request all parameters, and pass them to the listener."""
         self.forget()
         visit = self._visit
         names = list((await self._client.list_parameters()).result.names)
@@ -78,7 +78,7 @@ class Remote:
         self._listener.described(descriptors, dict(self._values))
 
     def set(self, name: str, kind: int, value: Any) -> None:
-        """Ask it to set a parameter to a value of a `ParameterType`."""
+        """Request a parameter to be set to a value of a `ParameterType`."""
         self._wanted[name] = Parameter(name, Parameter.Type(kind), value)
         if time.monotonic() - self._asking.get(name, -PATIENCE) >= PATIENCE:
             self._ask(name)
@@ -114,7 +114,7 @@ class Remote:
 
     @property
     def _busy(self) -> frozenset[str]:
-        """What it is being asked: the answers are newer than what is heard meanwhile."""
+        """Parameters with pending requests: responses are newer than events received meanwhile."""
         return frozenset(self._asking) | frozenset(self._wanted)
 
     def _take(self, name: str, value: ParameterValue) -> None:
@@ -127,7 +127,7 @@ class Remote:
             return
         for item in [*event.new_parameters, *event.changed_parameters]:
             if item.name in self._busy:
-                # perhaps of an older value, perhaps of one that somebody else has set since
+                # the event may be of an older value, or of one set by another client since
                 self._missed.add(item.name)
             else:
                 self._take(item.name, item.value)

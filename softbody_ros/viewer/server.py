@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""viser's server, for the browsers and pages that are meant."""
+"""viser's server, restricted to its own page."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from urllib.parse import urlsplit
 import viser
 
 FOREIGN = 1008
-"""Code with which a websocket is closed that is against the rules (RFC 6455)."""
+"""Close code of a websocket that violates the policy (RFC 6455)."""
 
 
 class PageServer(viser.ViserServer):
     """
-    viser's server, quiet, which steers for its own page only.
+    viser's server, without log output, which accepts websockets of its own page only.
 
-    Any page that a browser shows may open a websocket to any address, also to one of the machine
-    that the browser runs on. No page can have it shared with the rest of the world, either.
+    Any page in a browser may open a websocket to any address, also to the machine that the browser
+    runs on. Sharing through a public tunnel is disabled, too.
     """
 
     def __init__(self, host: str, port: int) -> None:
-        # browsers open connections in advance, and leave them: nothing to be told with a traceback
+        # browsers open connections in advance and drop them, which would log tracebacks
         logging.getLogger('websockets.server').setLevel(logging.CRITICAL)
         self._is_local = ipaddress.ip_address(host).is_loopback
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(host, port, verbose=False)
-        # viser has no public hook that comes before a page is listened to
+        # viser has no public hook that runs before messages of a page are handled
         self._websock_server.on_client_connect(self._close_foreign)
 
     async def _close_foreign(self, client: Any) -> None:
@@ -57,8 +57,8 @@ def is_own_page(headers: Mapping[str, str], is_local: bool) -> bool:
     """
     Return whether the page that opens a websocket with these headers is the server's own.
 
-    What has no `Origin` is no browser. A server for this machine only is not asked for by name,
-    except by a page that has had its own name resolved to this machine.
+    Without an `Origin` it is not a browser. At a local server a host name other than localhost
+    means DNS rebinding: a page that resolves its own name to this machine.
     """
     origin, host = headers.get('Origin'), headers.get('Host', '')
     if origin is None:
@@ -79,14 +79,14 @@ def _is_address(name: str) -> bool:
 
 def free_port(host: str, port: int) -> int:
     """
-    Return the first port from this one on that can be served at.
+    Return the first usable port, from this one on.
 
-    viser tries one after the other for ever, whatever the reason that it cannot have them.
+    viser retries for ever, whatever the error.
 
     Raises
     ------
     OSError
-        if there is no such address, or no port of it is free.
+        if there is no such address, or none of its ports is free.
 
     """
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
@@ -103,7 +103,7 @@ def free_port(host: str, port: int) -> int:
 
 
 def page_address(host: str, port: int) -> str:
-    """Return what to open, and where, to see what is served at a port."""
+    """Return the address to open in a browser, as a text."""
     if host == '0.0.0.0':  # all addresses of this machine: none that a browser can open
         return f'http://127.0.0.1:{port} in a browser, elsewhere with the address of this machine'
     return f'http://{f"[{host}]" if ":" in host else host}:{port} in a browser'

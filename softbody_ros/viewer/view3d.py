@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The 3-D view: bodies, obstacles and the ground, drawn by viser."""
+"""The 3-D view of bodies, obstacles and the ground, drawn by viser."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ GRID: dict[str, Any] = {
     'plane_color': (244, 243, 240), 'shadow_opacity': 0.35,
 }  # fmt: skip
 NO_COLOR = (200, 204, 212)
-"""Of a marker without a colour."""
+"""Colour of a marker without one."""
 FAR = 1e9
-"""Metres beyond which nothing is shown."""
+"""Largest coordinate that is drawn, m."""
 
 
-class Stage:
-    """What is in the view; each method replaces what was shown before."""
+class View3D:
+    """The contents of the view; each method replaces the previous ones."""
 
     def __init__(self, server: viser.ViserServer, shadows: bool) -> None:
         self._server, self._scene = server, server.scene
         self._surface: Surface | None = None
         self._parts: list[Part] = []
         self._meshes: list[Any] = []
-        self._heated: Any = None
+        self._displacement_mesh: Any = None
         self._file: ColoredFile | None = None
         self._obstacles: dict[tuple[str, int], tuple[Any, Any]] = {}
-        self._made = 0
+        self._added = 0
         self._scene.set_up_direction('+z')
         self._scene.configure_environment_map('studio', environment_intensity=0.4)
         self._scene.configure_default_lights(True, cast_shadow=shadows)
@@ -46,52 +46,52 @@ class Stage:
 
     def _keep_shader(self) -> None:
         """
-        Show a speck of what colours by displacement need.
+        Add a tiny mesh that keeps the shader for vertex colours in use.
 
-        The page compiles the shader of coloured vertices anew whenever the last mesh that uses it
-        is replaced, which takes longer than all the rest: this one is never replaced.
+        The page recompiles that shader whenever the last mesh that uses it is replaced, which
+        takes longer than everything else: this one is never replaced.
         """
         speck = Surface(1e-4 * np.eye(3), np.array([[0, 1, 2]]))
         file = ColoredFile(speck)
         white = np.full((3, 4), 255, np.uint8)
         self._scene.add_glb('/speck', file.filled(speck.vertices, np.eye(3), white))
 
-    # -------------------------------------------------------------------------------- the bodies
+    # ------------------------------------------------------------------------------------- bodies
     def look_at(self, surface: Surface) -> None:
-        """Turn the cameras to the bodies and to the ground below them."""
+        """Point the cameras at the bodies and the ground below them."""
         low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
         low[2] = min(low[2], 0.0)
         centre, reach = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 1e-3)
-        place = centre + reach * np.array([0.55, -1.25, 0.35])
+        position = centre + reach * np.array([0.55, -1.25, 0.35])
         camera = self._server.initial_camera
-        camera.fov, camera.look_at, camera.position = 0.8, centre, place
+        camera.fov, camera.look_at, camera.position = 0.8, centre, position
         for client in self._server.get_clients().values():
-            # in this order: to place a camera moves what it looks at along
-            client.camera.position = place
+            # in this order: setting a position also moves the target
+            client.camera.position = position
             client.camera.fov, client.camera.look_at = 0.8, centre
 
     def set_bodies(self, surface: Surface, body: np.ndarray, colors: list) -> None:
-        """Show other bodies, or in other colours: (4,) of 0 … 255 for each."""
+        """Set the bodies and their colours, (4,) of 0 … 255 each."""
         self._surface = surface
         self._parts = decoding.parts(surface, body, colors)
         self._file = None
         self._clear_bodies()
 
     def _clear_bodies(self) -> None:
-        for mesh in [*self._meshes, self._heated]:
+        for mesh in [*self._meshes, self._displacement_mesh]:
             if mesh is not None:
                 mesh.remove()
-        self._meshes, self._heated = [], None
+        self._meshes, self._displacement_mesh = [], None
 
     def show(self, frame: Frame, most: float | None) -> None:
-        """Show the bodies, by displacements up to `most`, m, or else in their own colours."""
+        """Draw the bodies, coloured by displacement up to `most`, m, or in their own colours."""
         if self._surface is None or not self._surface.fits(frame) or not self._surface.faces.size:
             return
         with self._server.atomic():
             if most is None:
                 self._show_bodies(frame.positions)
             else:
-                self._show_heat(frame, most)
+                self._show_displacement(frame, most)
 
     def _show_bodies(self, positions: np.ndarray) -> None:
         if self._meshes:
@@ -111,7 +111,7 @@ class Stage:
             for index, part in enumerate(self._parts)
         ]
 
-    def _show_heat(self, frame: Frame, most: float) -> None:
+    def _show_displacement(self, frame: Frame, most: float) -> None:
         assert self._surface is not None
         if self._file is None:
             self._file = ColoredFile(self._surface)
@@ -120,18 +120,18 @@ class Stage:
             self._surface.normals(frame.positions),
             decoding.heat(frame.displacement, most),
         )
-        if self._heated is None:
+        if self._displacement_mesh is None:
             self._clear_bodies()
-            self._heated = self._scene.add_glb('/bodies/displacement', data)
+            self._displacement_mesh = self._scene.add_glb('/bodies/displacement', data)
         else:
-            self._heated.glb_data = data
+            self._displacement_mesh.glb_data = data
 
-    # ----------------------------------------------------------------------------- the obstacles
+    # ---------------------------------------------------------------------------------- obstacles
     def set_obstacles(self, markers: Iterable[Marker]) -> None:
-        """Show what is in the way; planes are grids. What has only moved is moved."""
-        shown = {(m.ns, m.id): m for m in markers if m.action == Marker.ADD and _has_form(m)}
-        for key, (look, node) in list(self._obstacles.items()):
-            if key not in shown or look != _look(shown[key]):
+        """Draw the obstacles, planes as grids; those that only moved are not rebuilt."""
+        shown = {(m.ns, m.id): m for m in markers if m.action == Marker.ADD and _is_drawable(m)}
+        for key, (appearance, node) in list(self._obstacles.items()):
+            if key not in shown or appearance != _appearance(shown[key]):
                 node.remove()
                 del self._obstacles[key]
         for key, marker in shown.items():
@@ -139,9 +139,9 @@ class Stage:
                 _, node = self._obstacles[key]
                 node.position, node.wxyz = _pose(marker)
             else:
-                self._made += 1
-                node = self._add_obstacle(f'/obstacles/{self._made}', marker)
-                self._obstacles[key] = _look(marker), node
+                self._added += 1
+                node = self._add_obstacle(f'/obstacles/{self._added}', marker)
+                self._obstacles[key] = _appearance(marker), node
         self._grid.visible = not any(marker.text == 'plane' for marker in shown.values())
 
     def _add_obstacle(self, name: str, marker: Marker) -> Any:
@@ -150,42 +150,47 @@ class Stage:
             return self._scene.add_grid(name, plane_opacity=1.0, **GRID, **pose)
         color = marker.color
         rgb = decoding.to_bytes((color.r, color.g, color.b))
-        look: dict[str, Any] = {'color': rgb if color.a > 0.0 else NO_COLOR, **pose}
+        appearance: dict[str, Any] = {'color': rgb if color.a > 0.0 else NO_COLOR, **pose}
         if 0.0 < color.a < 1.0:
-            look['opacity'] = color.a
+            appearance['opacity'] = color.a
         size = np.array([marker.scale.x, marker.scale.y, marker.scale.z])
         if marker.type == Marker.CUBE:
-            return self._scene.add_box(name, dimensions=tuple(size), **look)
+            return self._scene.add_box(name, dimensions=tuple(size), **appearance)
         if marker.type == Marker.SPHERE:
-            return self._scene.add_icosphere(name, size[0] / 2.0, subdivisions=4, **look)
+            return self._scene.add_icosphere(name, size[0] / 2.0, subdivisions=4, **appearance)
         if marker.type == Marker.CYLINDER:
             return self._scene.add_cylinder(
-                name, size[0] / 2.0, size[2], radial_segments=64, **look
+                name, size[0] / 2.0, size[2], radial_segments=64, **appearance
             )
         corners = np.array([(p.x, p.y, p.z) for p in marker.points], float).reshape(-1, 3)
         corners = corners[(np.abs(corners) <= FAR).all(axis=-1)]
         faces = np.arange(len(corners) // 3 * 3).reshape(-1, 3)
         return self._scene.add_mesh_simple(
-            name, size * corners, faces, flat_shading=True, side='double', **look
+            name, size * corners, faces, flat_shading=True, side='double', **appearance
         )
 
 
-def _has_form(marker: Marker) -> bool:
-    """Whether it is somewhere, and of some size."""
-    (place, turn), size, color = _pose(marker), marker.scale, marker.color
-    numbers = [*place, *turn, size.x, size.y, size.z, color.r, color.g, color.b, color.a]
-    is_near = (np.abs(numbers) <= FAR).all()  # what is not a number is not
-    return bool(is_near and any(turn) and min(size.x, size.y, size.z) > 0.0)
+def _is_drawable(marker: Marker) -> bool:
+    """Whether the numbers of a marker are finite, and its size positive."""
+    (position, orientation), size, color = _pose(marker), marker.scale, marker.color
+    numbers = [*position, *orientation, size.x, size.y, size.z, color.r, color.g, color.b, color.a]
+    is_near = (np.abs(numbers) <= FAR).all()  # false for NaN
+    return bool(is_near and any(orientation) and min(size.x, size.y, size.z) > 0.0)
 
 
 def _pose(marker: Marker) -> tuple[Any, Any]:
     """Return position and quaternion, w first."""
-    place, turn = marker.pose.position, marker.pose.orientation
-    return (place.x, place.y, place.z), (turn.w, turn.x, turn.y, turn.z)
+    position, orientation = marker.pose.position, marker.pose.orientation
+    return (position.x, position.y, position.z), (
+        orientation.w,
+        orientation.x,
+        orientation.y,
+        orientation.z,
+    )
 
 
-def _look(marker: Marker) -> Any:
-    """Return what distinguishes it from a marker that has only been moved."""
+def _appearance(marker: Marker) -> Any:
+    """Return everything but the pose, to recognise markers that only moved."""
     points = marker.points
     ends = [(p.x, p.y, p.z) for p in (*points[:1], *points[-1:])]
     return marker.type, marker.text, str(marker.scale), str(marker.color), len(points), ends

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the panel shows for a parameter: derived from the node's own descriptor, pure functions."""
+"""Widgets for parameters, derived from their descriptors: pure functions."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from softbody_ros.viewer.decoding import round_up
 
 ORIGINAL = ('mass', 'stiffness', 'bounciness', 'friction', 'deformation', 'elasticity', 'mode')
-"""The sliders of the original's panel, in its order."""
+"""The sliders of the original Maya plugin, in its order."""
 VELOCITY = ('initial_velocity.linear', 'initial_velocity.angular')
 WIDEST_SLIDER = 5.0
-"""A slider over a wider range than this is useless at its low end: it shows a part of it."""
+"""Range above which a slider shows only the lower end: it would be too coarse there."""
 LISTS = {
     ParameterType.PARAMETER_DOUBLE_ARRAY: float,
     ParameterType.PARAMETER_INTEGER_ARRAY: int,
@@ -36,13 +36,13 @@ _UNIT = re.compile(r' \[([^\]]+)\]$')
 
 
 class FieldError(ValueError):
-    """What has been typed is no value of the parameter; with one sentence that says why."""
+    """A text that is not a value of the parameter; with the reason in one sentence."""
 
 
 @dataclass(frozen=True)
 class Field:
     """
-    One parameter as the panel shows it.
+    One parameter as displayed in the panel.
 
     `kind` is slider, number, switch, choice, vector, color or text; `type` its `ParameterType`.
     """
@@ -58,12 +58,12 @@ class Field:
 
     @property
     def whole(self) -> bool:
-        """Whether it is a whole number."""
+        """Whether it is an integer."""
         return self.type == ParameterType.PARAMETER_INTEGER
 
 
 def field(descriptor: ParameterDescriptor, value: Any) -> Field:
-    """Return how a parameter is shown that has this descriptor and value."""
+    """Return the field of a parameter with this descriptor and value."""
     found = _UNIT.search(descriptor.description)
     unit = found.group(1) if found else ''
     hint = _UNIT.sub('', descriptor.description)
@@ -92,10 +92,9 @@ def field(descriptor: ParameterDescriptor, value: Any) -> Field:
 
 def slider_range(field: Field, value: float) -> tuple[float, float, float]:
     """
-    Return least, most and step of a slider that shows a value.
+    Return minimum, maximum and step of a slider that shows a value.
 
-    A wide range is shown up to some twice the value: a slider that has been dragged to its end is
-    given a longer one.
+    Of a wide range it shows up to about twice the value; it grows when dragged to its end.
     """
     low, high = field.minimum or 0.0, field.maximum or 0.0
     if high - low > WIDEST_SLIDER:
@@ -107,7 +106,7 @@ def slider_range(field: Field, value: float) -> tuple[float, float, float]:
 
 
 def to_widget(field: Field, value: Any) -> Any:
-    """Return a parameter's value as its widget wants it."""
+    """Return the value of a widget for the value of a parameter."""
     if field.kind == 'color':
         return tuple(round(255.0 * item) for item in value)
     if field.kind == 'vector':
@@ -119,7 +118,7 @@ def to_widget(field: Field, value: Any) -> Any:
 
 
 def can_show(field: Field, value: Any) -> bool:
-    """Whether a widget that has been made for a field can show a value of the field's type."""
+    """Whether the widget of a field can display a value of the field's type."""
     if field.kind in ('slider', 'number'):
         return math.isfinite(value)
     if field.kind in ('vector', 'color'):
@@ -130,12 +129,12 @@ def can_show(field: Field, value: Any) -> bool:
 
 def from_widget(field: Field, value: Any) -> Any:
     """
-    Return what a widget shows as the parameter's value.
+    Return the value of a parameter for the value of its widget.
 
     Raises
     ------
     FieldError
-        if a text is no list of the parameter's type.
+        if a text is not a list of the parameter's type.
 
     """
     if field.kind == 'color':
@@ -158,7 +157,7 @@ def from_widget(field: Field, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Section:
-    """A folder of the panel: the names of its parameters, and how they all begin."""
+    """A folder of the panel: the names of its parameters, and their common prefix."""
 
     title: str
     names: tuple[str, ...]
@@ -169,7 +168,7 @@ class Section:
 def sections(
     names: Iterable[str], bodies: Sequence[str], obstacles: Sequence[str]
 ) -> tuple[list[Section], dict[str, list[Section]], dict[str, list[Section]]]:
-    """Return the sections of the scene, of each body and of each obstacle, in their order."""
+    """Return the sections of the scene, of each body and of each obstacle, in order."""
     left = list(names)
 
     def take(wanted: Iterable[str]) -> tuple[str, ...]:
@@ -199,12 +198,12 @@ def sections(
 
 
 def label(field: Field, section: Section) -> str:
-    """Return the words beside a widget: without those that its folder says."""
+    """Return the label of a widget, without the prefix of its section."""
     word = field.name.removeprefix(section.prefix).replace('.', ' ').replace('_', ' ')
     # a division slash: after another one browsers break lines
     return f'{word} [{field.unit.replace("/", "∕")}]' if field.unit else word
 
 
 def decimals(step: float) -> int:
-    """Return how many decimals show each step of a slider."""
+    """Return the number of decimals that resolves the steps of a slider."""
     return max(0, -math.floor(math.log10(step) + 1e-9))

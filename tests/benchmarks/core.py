@@ -24,6 +24,7 @@ import sys
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from measuring import measured_apart
+from printing import print_table, shown
 from simulators import SIMULATORS, Ours, is_installed, takes_part
 from workloads import WORKLOADS
 
@@ -32,7 +33,7 @@ NOTHING = '–'
 BANDWIDTHS = """\
 In free fall: ns a particle / what cannot but be moved, in % of what `numpy.copyto` moves in that
 time in arrays as large as the state (small ones stay in the cache) / in arrays of 200 MB.
-Positions and velocities have to be read and written: 96 B a particle, in float32 48 B"""
+Positions and velocities have to be read and written: 96 B a particle"""
 
 
 def run_rounds(rounds, workloads, names):
@@ -69,11 +70,6 @@ def ratios(runs, workload, name, other):
     return [time / reference for time, reference in zip(times, others, strict=False)]
 
 
-def shown(value):
-    """Return a number with three digits."""
-    return f'{value:.3g}' if abs(value) < 1000 else f'{value:.0f}'
-
-
 def median(values):
     """Return the median of values, if there are any, as text."""
     return shown(statistics.median(values)) if values else NOTHING
@@ -90,16 +86,6 @@ def span(values):
     """Return the range of values with two decimals, as text."""
     low, high = (f'{round(value, 2) + 0.0:.2f}' for value in (min(values), max(values)))
     return low if low == high else f'{low} … {high}'
-
-
-def print_table(caption, header, rows):
-    """Print a table in Markdown."""
-    print(caption, end=':\n\n')
-    print('| ' + ' | '.join(header) + ' |')
-    print('|' + '---|' * len(header))
-    for row in rows:
-        print('| ' + ' | '.join(row) + ' |')
-    print()
 
 
 def print_workloads(caption, runs, columns, cell):

@@ -26,12 +26,16 @@ class Ours:
     """This simulator with one match a step; bodies do not fall asleep."""
 
     package = 'softbody_ros'
+    number_size = 8
+    """Bytes of a coordinate."""
     mode = 'rigid'
     clusters = False  # a rigid body has no use for regions
     largest = 4_000_000
 
     def __init__(self, workload):
-        sleeping.QUIET_LOOKS = 1 << 30  # so often a body has to lie still before it falls asleep
+        sleeping.SAMPLES_TO_SLEEP = (
+            1 << 30
+        )  # so often a body has to lie still before it falls asleep
         surface = Surface(workload.mesh.vertices, workload.mesh.faces)
         bodies = tuple(
             BodyConfig(
@@ -48,14 +52,8 @@ class Ours:
         config = WorldConfig(
             time_step=STEP, reference_step=STEP, gravity_magnitude=GRAVITY, bodies=bodies
         )
-        self._dtype = np.float32 if workload.single else np.float64
-        self._world = World(config, self._dtype)
+        self._world = World(config)
         self.step = self._world.step
-
-    @property
-    def number_size(self):
-        """Bytes of a coordinate."""
-        return np.dtype(self._dtype).itemsize
 
     def positions(self):
         if any(self._world.is_asleep(name) for name in self._world.names):
@@ -195,7 +193,5 @@ def takes_part(name, workload):
     """Return whether a simulator can do a workload."""
     kind = SIMULATORS[name]
     if workload.clusters and not kind.clusters:
-        return False
-    if workload.single and not issubclass(kind, Ours):
         return False
     return workload.particles <= kind.largest

@@ -45,8 +45,6 @@ class Workload:
         that are enough to come to rest, and 60 more
     drop : float
         height of the lowest vertices at the start, m
-    single : bool
-        float32 instead of float64
 
     """
 
@@ -56,7 +54,6 @@ class Workload:
     clusters: int = 0
     steps: int = 180
     drop: float = 1.0
-    single: bool = False
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
@@ -126,6 +123,5 @@ WORKLOADS = {
         Workload('W3-8', 32, clusters=8),
         Workload('W3-64', 32, clusters=64),
         Workload('1M', MILLION, steps=120),
-        Workload('1M-float32', MILLION, steps=120, single=True),
     )
 }

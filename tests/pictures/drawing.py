@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from softbody_ros.core import World
 from softbody_ros.core.collision.obstacles import Obstacle
-from softbody_ros.core.collision.tessellation import obstacle_surface
+from softbody_ros.core.collision.shapes import obstacle_surface
 
 Paint = Callable[[np.ndarray], np.ndarray] | Sequence[float]
 FLOOR = np.array([0.93, 0.92, 0.9])

@@ -1,129 +1,253 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a rest shape needs so that bodies which have it can be touched: computed once per shape."""
+"""Collision surfaces: precomputed data per rest shape for contact detection."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from softbody_ros.core.geometry.face_table import FaceTable, make_face_table
+from softbody_ros.core.geometry.bvh import SurfaceTree, Trees, make_tree, pack
 from softbody_ros.core.geometry.mesh import vertex_normals
 from softbody_ros.core.shape_matching.regions import Regions
 from softbody_ros.core.shape_matching.rest_shape import RestShape
 
 NEIGHBOURS = 2.0
-"""Edges between a particle and a face of the same body within which they cannot touch."""
+"""Distance, in edge lengths, within which a particle and a face of one body are neighbours."""
+
+SURFACE = np.dtype(
+    [
+        ('closed', np.bool_),  # whether it has an inside
+        ('neighbours', np.float64),  # distance of neighbours, in RMS radii
+        # indices into the arrays of `SurfaceArrays`
+        ('first_particle', np.int64),
+        ('first_face', np.int64),
+        ('first_piece', np.int64),
+        ('pieces', np.int64),
+        ('first_origin', np.int64),
+        ('first_may_collide', np.int64),
+        ('tree', np.int64),  # of its faces, if it is closed
+    ],
+    align=True,
+)
+"""The collision surface of one rest shape, as kernels read it."""
+
+PIECE = np.dtype(
+    [
+        ('first', np.int64),  # index of its particles in `particles`
+        ('count', np.int64),
+        ('first_covered', np.int64),  # index in `covered` of these and the corners of its faces
+        ('covered', np.int64),
+    ],
+    align=True,
+)
+"""One piece of a collision surface."""
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class CollisionSurface:
     """
-    The surface of a shape, in the P pieces whose posture is known: its regions, or the whole.
+    The surface of a shape in P pieces, one per region, or one without regions.
 
-    Each particle and each face belongs to one piece. What is derived is made when it is needed.
+    Each particle and each face belongs to one piece.
 
     Attributes
     ----------
     rest : RestShape
     regions : Regions or None
+    collidable : bool
+        false for shapes that are used in the match of pinned bodies only, see `pins`
 
     """
 
     rest: RestShape
     regions: Regions | None
+    collidable: bool = True
 
     @property
     def pieces(self) -> int:
         """Number of pieces, P."""
         return self.regions.count if self.regions else 1
 
-    @property
+    @cached_property
     def closed(self) -> bool:
-        """Whether it has an inside, which others can be kept out of."""
+        """Whether it has an inside, so that penetration is defined."""
         return self.rest.surface.closed
 
-    @cached_property
-    def _home(self) -> np.ndarray:
+    @property
+    def origins(self) -> np.ndarray:
+        """(P, 3) float: centres of mass of the pieces in the body's own frame, m."""
+        if self.regions is None:
+            return self.rest.centre[None]
+        return self.rest.centre + self.rest.scale * self.regions.centre
+
+    @property
+    def piece_of_particle(self) -> np.ndarray:
+        """(n,) int: piece of each particle."""
         if self.regions is None:
             return np.zeros(self.rest.particle_count, dtype=np.int64)
-        return self.regions.home
+        return self.regions.main_region
 
-    @cached_property
-    def order(self) -> np.ndarray:
-        """(n,) int: the particles, piece by piece."""
-        return np.argsort(self._home, kind='stable')
-
-    @cached_property
-    def first(self) -> np.ndarray:
-        """(P + 1,) int: where in `order` each piece begins."""
-        return np.searchsorted(self._home[self.order], np.arange(self.pieces + 1))
-
-    @cached_property
-    def corners(self) -> np.ndarray:
-        """(m, 3) int: of the faces, as places in `order`."""
-        place = np.empty(self.rest.particle_count, dtype=np.int64)
-        place[self.order] = np.arange(len(place))
-        return place[self.rest.surface.faces]
-
-    @cached_property
+    @property
     def piece_of_face(self) -> np.ndarray:
-        """(m,) int."""
-        return self._home[self.rest.surface.faces[:, 0]]
+        """(m,) int: piece of each face."""
+        return self.piece_of_particle[self.rest.surface.faces[:, 0]]
 
     @cached_property
     def covered(self) -> tuple[np.ndarray, np.ndarray]:
-        """(c,) int: particles of pieces and of corners of their faces; (P,) int: their begins."""
+        """(c,) int: particles of pieces and of their faces; (P + 1,) int: first of each piece."""
         faces, count = self.rest.surface.faces, self.rest.particle_count
-        piece = np.concatenate([self._home, np.repeat(self.piece_of_face, 3)])
+        piece = np.concatenate([self.piece_of_particle, np.repeat(self.piece_of_face, 3)])
         particle = np.concatenate([np.arange(count), faces.ravel()])
         piece, particle = np.divmod(np.unique(piece * count + particle), count)
-        return particle, np.searchsorted(piece, np.arange(self.pieces))
+        return particle, np.searchsorted(piece, np.arange(self.pieces + 1))
 
     @cached_property
-    def strangers(self) -> np.ndarray:
+    def may_collide(self) -> np.ndarray:
         """
-        (P, P) bool: pieces of one body that may touch each other.
+        (P, P) bool: pairs of pieces of one body that may collide.
 
-        No particle belongs to both, nor has a face of both.
+        Those without common particles, including the corners of their faces.
         """
         if self.regions is None:
             return np.zeros((1, 1), dtype=bool)
         particle, first = self.covered
         count = self.rest.particle_count
-        ends = np.append(first, len(particle))
-        covers = csr_array((np.ones(len(particle)), particle, ends), (self.pieces, count)).T
-        belongs = covers + self.regions.belongs
-        return (belongs.T @ belongs).toarray() == 0.0
+        covers = csr_array((np.ones(len(particle)), particle, first), (self.pieces, count)).T
+        belongs = covers + self.regions.membership
+        return np.asarray((belongs.T @ belongs).toarray() == 0.0)
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """(n, 3) float: of the surface at the particles in `order`; zero where there is none."""
-        total = vertex_normals(self.rest.surface.vertices, self.rest.surface.faces)[self.order]
+        """(n, 3) float: vertex normals; zero for particles without faces."""
+        total = vertex_normals(self.rest.surface.vertices, self.rest.surface.faces)
         length = np.linalg.norm(total, axis=1, keepdims=True)
         return total / np.where(length > 0.0, length, 1.0)
 
     @cached_property
-    def table(self) -> FaceTable:
-        """Which face of the rest shape is nearest, for closed ones."""
-        return make_face_table(self.rest.surface)
-
-    def apart(self, particle: np.ndarray, face: np.ndarray) -> np.ndarray:
-        """Return whether particles (k,), places in `order`, are no neighbours of faces (k,)."""
-        vertices = self.rest.surface.vertices[self.order]
-        middle = vertices[self.corners[face]].mean(axis=1)
-        distance = np.linalg.norm(vertices[particle] - middle, axis=1)
-        return distance > NEIGHBOURS * self._edge
+    def neighbours(self) -> float:
+        """Distance, in RMS radii, of a particle and a face of one body that cannot collide."""
+        if self.regions is None or not len(self.rest.surface.faces):
+            return 0.0
+        a, b, c = self.rest.surface.vertices[self.rest.surface.faces.T]
+        edge = float(np.linalg.norm([a - b, b - c, c - a], axis=2).mean())
+        return NEIGHBOURS * edge / self.rest.scale
 
     @cached_property
-    def _edge(self) -> float:
-        a, b, c = self.rest.surface.vertices[self.rest.surface.faces.T]
-        return float(np.linalg.norm([a - b, b - c, c - a], axis=2).mean())
+    def tree(self) -> SurfaceTree:
+        """Bounding-volume hierarchy of its faces."""
+        return make_tree(self.rest.surface)
 
-    def prepare(self) -> None:
-        """Make the table now, not when something first comes near: it takes a while."""
-        if self.closed:
-            _ = self.table
+
+@dataclass(frozen=True, eq=False)
+class SurfaceArrays:
+    """
+    The collision surfaces of all rest shapes of a world, as kernels read them.
+
+    Attributes
+    ----------
+    surfaces : (R,) SURFACE
+    pieces : (P,) PIECE
+    particles, covered : (n,), (c,) int
+        particles of the pieces, and these with the corners of their faces, as indices in the body
+    faces : (m, 3) int
+        indices of particles in the body
+    piece_of_face : (m,) int
+    may_collide : (s,) bool
+        the matrices P × P of all surfaces, row by row
+    normals : (n, 3) float
+    origins : (o, 3) float
+        m
+    trees : Trees
+        of the faces of closed surfaces
+
+    """
+
+    surfaces: np.ndarray
+    pieces: np.ndarray
+    particles: np.ndarray
+    covered: np.ndarray
+    faces: np.ndarray
+    piece_of_face: np.ndarray
+    may_collide: np.ndarray
+    normals: np.ndarray
+    origins: np.ndarray
+    trees: Trees
+
+
+class CollisionSurfaces:
+    """
+    The collision surfaces of a world, one for each of its rest shapes.
+
+    Computed at the first contact candidates.
+
+    Parameters
+    ----------
+    surfaces : sequence of CollisionSurface
+
+    """
+
+    def __init__(self, surfaces: Sequence[CollisionSurface]) -> None:
+        self.surfaces = list(surfaces)
+        self._buffers: dict[np.dtype, np.ndarray] = {}
+
+    def buffer(self, kind: np.dtype, count: int) -> np.ndarray:
+        """Return a buffer of at least `count` records, reused by all calls with the same type."""
+        if kind not in self._buffers or len(self._buffers[kind]) < count:
+            self._buffers[kind] = np.zeros(count + count // 2, kind)
+        return self._buffers[kind]
+
+    @cached_property
+    def arrays(self) -> SurfaceArrays:
+        """All surfaces for kernels."""
+        surfaces = np.zeros(len(self.surfaces), SURFACE)
+        columns: dict[str, list[np.ndarray]] = {
+            'pieces': [np.zeros(0, PIECE)],
+            'particles': [np.zeros(0, np.int64)],
+            'covered': [np.zeros(0, np.int64)],
+            'faces': [np.zeros((0, 3), np.int32)],
+            'piece_of_face': [np.zeros(0, np.int32)],
+            'may_collide': [np.zeros(0, bool)],
+            'normals': [np.zeros((0, 3))],
+            'origins': [np.zeros((0, 3))],
+        }
+        counts = dict.fromkeys(columns, 0)
+        trees: list[SurfaceTree] = []
+
+        def put(name: str, values: np.ndarray) -> None:
+            columns[name].append(values)
+            counts[name] += len(values)
+
+        for record, surface in zip(surfaces, self.surfaces, strict=True):
+            record['pieces'], record['first_origin'] = surface.pieces, counts['origins']
+            put('origins', surface.origins)
+            if not surface.collidable:
+                continue
+            record['closed'], record['neighbours'] = surface.closed, surface.neighbours
+            record['first_particle'] = counts['particles']
+            record['first_face'] = counts['faces']
+            record['first_piece'] = counts['pieces']
+            record['first_may_collide'] = counts['may_collide']
+            covered, begin = surface.covered
+            pieces = np.zeros(surface.pieces, PIECE)
+            sizes = np.bincount(surface.piece_of_particle, minlength=surface.pieces)
+            pieces['first'] = counts['particles'] + np.cumsum(sizes) - sizes
+            pieces['count'] = sizes
+            pieces['first_covered'] = counts['covered'] + begin[:-1]
+            pieces['covered'] = np.diff(begin)
+            put('pieces', pieces)
+            put('particles', np.argsort(surface.piece_of_particle, kind='stable'))
+            put('covered', covered)
+            put('faces', surface.rest.surface.faces)
+            put('piece_of_face', surface.piece_of_face.astype(np.int32))
+            put('may_collide', surface.may_collide.ravel())
+            put('normals', surface.normals)
+            if surface.closed:
+                record['tree'] = len(trees)
+                trees.append(surface.tree)
+        joined = {name: np.concatenate(columns[name]) for name in columns}
+        return SurfaceArrays(surfaces, trees=pack(trees), **joined)

@@ -1,305 +1,282 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Which particles of bodies are inside which faces of others: broad phase, then narrow phase.
+Narrow phase: vertex-face contacts between bodies.
 
-A particle is carried into the rest shape of the other body with the inverse of how that one lies;
-there a table tells the nearest face; what counts then is where the corners of this face are now.
-So the surface that is met is the deformed one, at the cost of looking up a rigid one.
+A particle is transformed into the rest shape of the other body by the inverse of its match, where
+a static tree finds the nearest face; depth and normal are those of the deformed face. So contact
+is with the deformed surface, at the cost of queries in a rigid one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
 
 import numpy as np
 
-from softbody_ros.core.collision.collision_surface import Skin
-from softbody_ros.core.columns import joined
-from softbody_ros.core.contact.contact_state import Crowd, Source
-from softbody_ros.core.geometry.bounding_boxes import Boxes, bounds, inside_boxes, overlapping
-from softbody_ros.core.shape_matching import rigid_motion
-
-SLACK = 1e-6
-"""Width around boxes, in RMS radii: what lies flush with another touches it."""
-INTO_ITSELF = 0.02
-"""Share of the way to its own body's centre by which a particle is looked up inwards."""
-BLUNT = 0.015
-"""Depth, in RMS radii, that spikes may have: the surface of their obstacle is met before."""
-DEEP, SAME_WAY, TO_CENTRE = 0.01, 0.3, 0.9
-"""A particle this deep, in RMS radii, whose own surface looks the same way as the face (cosine),
-is on its way through: it has to leave on the side of its own body's centre."""
-
-
-def boxes(x: np.ndarray, skin: Skin, margin: np.ndarray, number: int) -> Boxes:
-    """
-    Return the boxes around the pieces of bodies that share a skin.
-
-    Parameters
-    ----------
-    x : (B, 3, n) float
-        m
-    skin : Skin
-    margin : (B,) float
-        m
-    number : int
-        of the first of the bodies among all
-
-    """
-    if skin.pieces == 1:
-        low, high = (corner[:, None] for corner in bounds(x))
-    else:
-        particle, first = skin.covered
-        covered = x.take(particle, axis=2)
-        low = np.minimum.reduceat(covered, first, axis=2).swapaxes(1, 2)
-        high = np.maximum.reduceat(covered, first, axis=2).swapaxes(1, 2)
-    wide = (margin + SLACK * skin.rest.scale)[:, None, None]
-    body, piece = np.divmod(np.arange(len(x) * skin.pieces), skin.pieces)
-    return Boxes(
-        (low - wide).reshape(-1, 3).astype(np.float64),
-        (high + wide).reshape(-1, 3).astype(np.float64),
-        number + body,
-        piece,
-    )
-
-
-def pairs(
-    found: Boxes, skins: Sequence[Skin], sizes: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return the pairs of boxes whose contents may touch: of two bodies, or of one with itself.
-
-    Parameters
-    ----------
-    found : Boxes
-    skins : sequence of Skin
-    sizes : sequence of int
-        numbers of bodies that have them, one after the other
-
-    """
-    one, two = overlapping(found.low, found.high)
-    kept = found.body[one] != found.body[two]
-    own = np.flatnonzero(~kept)
-    if len(own):
-        skin_of = np.repeat(np.arange(len(skins)), sizes)[found.body[one[own]]]
-        for index in set(skin_of.tolist()):
-            mine = own[skin_of == index]
-            kept[mine] = skins[index].strangers[found.piece[one[mine]], found.piece[two[mine]]]
-    return one[kept], two[kept]
-
-
-@dataclass(frozen=True)
-class Touches:
-    """
-    The k particles of a crowd that are inside faces of it.
-
-    Attributes
-    ----------
-    particle : (k,) int
-    corners : (k, 3) int
-        particles at the corners of the face
-    share : (k, 3) float
-        barycentric coordinates of the point of the face that is nearest
-    normal : (k, 3) float
-        out of the face
-    thickness, depth : (k,) float
-        distance that is to be kept, and what is missing of it, m
-    body, other : (k,) int
-        of the particle, and of the face
-
-    """
-
-    particle: np.ndarray
-    corners: np.ndarray
-    share: np.ndarray
-    normal: np.ndarray
-    thickness: np.ndarray
-    depth: np.ndarray
-    body: np.ndarray
-    other: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.particle)
-
-
-NONE = Touches(
-    np.zeros(0, np.int64),
-    np.zeros((0, 3), np.int64),
-    np.zeros((0, 3)),
-    np.zeros((0, 3)),
-    np.zeros(0),
-    np.zeros(0),
-    np.zeros(0, np.int64),
-    np.zeros(0, np.int64),
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.geometry.bvh import Trees, closest_face
+from softbody_ros.core.geometry.vectors import (
+    NO_MATRIX,
+    ZERO,
+    Vector,
+    along,
+    applied,
+    cross,
+    dot,
+    inverse,
+    matrix_of,
+    minus,
+    norm,
+    plus,
+    put_vector,
+    scaled,
+    vector_of,
 )
 
+LOOKUP_INSET = 0.02
+"""Offset of the query point towards the centre of the own body, as a share of the distance."""
+EDGE_ALLOWANCE = 0.015
+"""Tolerated depth of edge points, in RMS radii: contact with the obstacle comes first."""
+PASSING_DEPTH, PASSING_COSINE, PASSING_INSET = 0.01, 0.3, 0.9
+"""Depth, in RMS radii, and cosine between the surface normals of both bodies above which a
+particle is passing through; then this offset selects the face towards its own body's centre."""
 
-def find(
-    crowd: Crowd,
-    found: Boxes,
-    one: np.ndarray,
-    two: np.ndarray,
-    particle: np.ndarray,
-    box: np.ndarray,
-) -> Touches:
+CONTACT = np.dtype(
+    [
+        ('body', np.int64),  # member of the particle in the contact state
+        ('other', np.int64),  # member of the face
+        ('pair', np.int64),
+        # indices of the particle and the corners of the face in the contact state, and the
+        # coefficients of their difference: 1, and minus barycentric coordinates
+        ('particles', np.int64, (4,)),
+        ('coefficients', np.float64, (4,)),
+        ('point', np.float64, (3,)),  # position of the particle, m
+        ('normal', np.float64, (3,)),  # outward normal of the face
+        ('thickness', np.float64),  # required distance, m
+        ('depth', np.float64),  # penetration with the thickness, m
+        # see `manifold`
+        ('sign', np.float64),  # 1 if the particle belongs to the first body of the pair, else −1
+        ('share', np.float64),  # of the mass in contact
+        ('goal_depth', np.float64),  # penetration of the particle's goal in that of the face, m
+        # results: normal impulses by loads, by constraints between bodies, and at the particle;
+        # and friction on the particle; N s
+        ('load_impulse', np.float64),
+        ('body_impulse', np.float64),
+        ('impulse', np.float64),
+        ('friction', np.float64, (3,)),
+    ],
+    align=True,
+)
+"""A contact of a particle with a face of another body, or of its own."""
+
+PAIR = np.dtype(
+    [
+        ('one', np.int64),  # members of the contact state; equal for self-collision
+        ('two', np.int64),
+        ('first', np.int64),  # its first contact
+        ('count', np.int64),
+        ('reduced_mass', np.float64),  # kg; bounded where neither body can move
+        ('scale', np.float64),  # RMS radius of the smaller body, m
+        ('elasticity', np.float64),
+        ('bounciness', np.float64),
+        ('depth', np.float64),  # mean penetration of goals, m
+        ('load', np.float64),  # force between the bodies by the weight on them, N
+    ],
+    align=True,
+)
+"""Two bodies in contact."""
+
+
+@kernel
+def find_contacts(
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    shapes: np.ndarray,
+    q: np.ndarray,
+    surfaces: np.ndarray,
+    faces: np.ndarray,
+    piece_of_face: np.ndarray,
+    normals: np.ndarray,
+    origins: np.ndarray,
+    trees: Trees,
+    x: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    candidates: np.ndarray,
+    number: np.ndarray,
+    first: np.ndarray,
+    contacts: np.ndarray,
+    pairs: np.ndarray,
+) -> tuple[int, int]:
     """
-    Return which particles in one box of a pair are inside faces of the other.
+    Write the candidates that penetrate faces, sorted by pairs of bodies.
+
+    The query point is offset inwards: corners of equal stacked boxes lie exactly on edges.
 
     Parameters
     ----------
-    crowd : Crowd
-    found : Boxes
-        with the numbers of the bodies in the crowd
-    one, two : (p,) int
-        pairs of boxes
-    particle, box : (q,) int
-        more particles that may be inside what is in boxes
-
-    """
-    of, to = np.concatenate([one, two]), np.concatenate([two, one])
-    start, count = _ranges(crowd, found, of)
-    common = np.minimum(found.high[of], found.high[to]) - np.maximum(found.low[of], found.low[to])
-    thin = np.argmin(common / (found.high[of] - found.low[of]), axis=1)
-    # boxes have room for the thickness of their own bodies
-    low, high = found.low[to], found.high[to]
-    reach = crowd.thickness[found.body[of], None]
-    pair, inside = inside_boxes(crowd.x, start, count, low - reach, high + reach, thin)
-    particle, box = np.concatenate([inside, particle]), np.concatenate([to[pair], box])
-    source_of = crowd.source[found.body[box]]
-    parts = []
-    for index, source in enumerate(crowd.sources):
-        mine = np.flatnonzero(source_of == index)
-        if len(mine) and source.skin.closed:
-            parts.append(_inside_faces(crowd, source, found, particle[mine], box[mine]))
-    return joined(parts) if parts else NONE
-
-
-def _ranges(crowd: Crowd, found: Boxes, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where in the crowd the particles of boxes begin, and how many they are."""
-    start, count = np.empty(len(box), np.int64), np.empty(len(box), np.int64)
-    source_of = crowd.source[found.body[box]]
-    for index, source in enumerate(crowd.sources):
-        mine = source_of == index
-        body, piece = found.body[box[mine]], found.piece[box[mine]]
-        first = source.skin.first
-        start[mine], count[mine] = crowd.first[body] + first[piece], np.diff(first)[piece]
-    return start, count
-
-
-def _inside_faces(
-    crowd: Crowd, source: Source, found: Boxes, particle: np.ndarray, box: np.ndarray
-) -> Touches:
-    """
-    Return which particles of the crowd are inside faces of pieces of one source's bodies.
-
-    The nearest face is looked up a little inwards: corners of equal boxes on each other lie on the
-    edge between two faces.
-    """
-    skin = source.skin
-    body, other, piece = crowd.body[particle], found.body[box], found.piece[box]
-    points = crowd.x[particle]
-    gives_way = np.isfinite(crowd.mass[body])[:, None]
-    inwards = np.where(gives_way, crowd.centre[body] - points, 0.0)
-    face = _nearest_face(points + INTO_ITSELF * inwards, source, other, piece)
-    touches = face >= 0
-    if skin.pieces > 1:
-        own = np.flatnonzero(touches & (body == other))
-        touches[own] = skin.apart(particle[own] - crowd.first[body[own]], face[own])
-    kept = np.flatnonzero(touches)
-    particle, body, other, piece, points, inwards, face = (
-        each[kept] for each in (particle, body, other, piece, points, inwards, face)
-    )
-    thickness = crowd.thickness[body] + crowd.thickness[other]
-    thickness -= np.where(crowd.spiky[body], BLUNT * skin.rest.scale, 0.0)
-    corners = skin.corners[face] + crowd.first[other][:, None]
-    height, normal, share = over_triangles(points, crowd.x[corners.T])
-
-    if skin.pieces == 1:
-        outwards = _normals(crowd, particle, body)
-        through = np.einsum('ij,ij->i', outwards, normal) > SAME_WAY
-        through &= (height < thickness) & (height < -DEEP * skin.rest.scale)
-        through = np.flatnonzero(through)
-        aim = points[through] + TO_CENTRE * inwards[through]
-        face = _nearest_face(aim, source, other[through], piece[through])
-        corners[through] = skin.corners[face] + crowd.first[other[through]][:, None]
-        height[through], normal[through], share[through] = over_triangles(
-            points[through], crowd.x[corners[through].T]
-        )
-
-    touching = np.flatnonzero(height < thickness)
-    depth = thickness - height
-    return Touches(
-        *(
-            each[touching]
-            for each in (particle, corners, share, normal, thickness, depth, body, other)
-        )
-    )
-
-
-def _normals(crowd: Crowd, particle: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Return the normals (k, 3) of their own bodies at particles, about; zero if not known."""
-    result = np.zeros((len(particle), 3))
-    for index, source in enumerate(crowd.sources):
-        mine = np.flatnonzero(crowd.source[body] == index)
-        if source.skin.pieces == 1 and len(mine):
-            row = source.rows[body[mine] - source.first]
-            rest_normal = source.skin.normals[particle[mine] - crowd.first[body[mine]]]
-            posture = source.flight.match.posture[row, 0]
-            result[mine] = rigid_motion.applied(posture, rest_normal)
-    return result
-
-
-def _nearest_face(
-    points: np.ndarray, source: Source, body: np.ndarray, piece: np.ndarray
-) -> np.ndarray:
-    """Return the face (k,) of pieces of a source's bodies that is about nearest, −1 if none is."""
-    skin, row = source.skin, body - source.first
-    face = skin.table.nearest(_in_rest_shape(points, source, row, piece))
-    if skin.pieces > 1:
-        face = np.where(skin.piece_of_face[face] == piece, face, -1)
-    return face
-
-
-def _in_rest_shape(
-    points: np.ndarray, source: Source, body: np.ndarray, piece: np.ndarray
-) -> np.ndarray:
-    """Return where points (k, 3) are in the rest shape that pieces of a source's bodies have."""
-    match, rows = source.flight.match, source.rows
-    inverse = np.linalg.inv(match.posture[rows])
-    shift = match.origin[rows] - rigid_motion.applied(inverse, match.place[rows])
-    return rigid_motion.applied(inverse[body, piece], points) + shift[body, piece]
-
-
-def over_triangles(
-    points: np.ndarray, corners: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return how high points are over the planes of triangles, and over which place.
-
-    Parameters
-    ----------
-    points : (k, 3) float
+    bodies : (B,) BODY
+    awake : (A,) int
+        which of them
+    shapes : (R,) SHAPE
+    q : (3, M) float
+    surfaces, faces, piece_of_face, normals, origins, trees
+        see `SurfaceArrays`
+    x : (2, 3, N) float
         m
-    corners : (3, k, 3) float
-        m
+    match_centre, match_posture : (S, 3), (S, 3, 3) float
+        centres, m, and linear maps of the pieces of bodies
+    candidates : (q,) CANDIDATE
+    number : (A + F,) int
+        members of the bodies and sets of points in the contact state
+    first : (C + 1,) int
+        index there of the first particle of each; points follow in the order of contacts
+    contacts, pairs : (q,) CONTACT, (q,) PAIR
+        written
 
     Returns
     -------
-    height : (k,) float
-        m
-    normal : (k, 3) float
-    share : (k, 3) float
-        barycentric coordinates, those of a place beyond the edges brought back to them
+    contacts, pairs : int
+        their numbers
 
     """
-    origin = corners[0]
-    along, across, offset = corners[1] - origin, corners[2] - origin, points - origin
-    normal = rigid_motion.cross(along, across)
-    double_area = np.maximum(np.sqrt(np.einsum('ij,ij->i', normal, normal)), 1e-300)
-    normal /= double_area[:, None]
-    second = np.einsum('ij,ij->i', rigid_motion.cross(offset, across), normal) / double_area
-    third = np.einsum('ij,ij->i', rigid_motion.cross(along, offset), normal) / double_area
-    share = np.maximum(np.column_stack([1.0 - second - third, second, third]), 0.0)
-    share /= share.sum(axis=1, keepdims=True)
-    return np.einsum('ij,ij->i', offset, normal), normal, share
+    found = found_pairs = 0
+    points = first[len(first) - 1]
+    last_other, last_piece = -1, -1
+    to_rest, match_place, origin = NO_MATRIX, ZERO, ZERO
+    one, two = -1, -1
+    for candidate in candidates:
+        owner, other, piece = candidate['body'], candidate['other'], candidate['piece']
+        body = bodies[awake[other]]
+        shape, surface = shapes[body['shape']], surfaces[body['shape']]
+        if not surface['closed']:
+            continue
+        if other != last_other or piece != last_piece:
+            last_other, last_piece = other, piece
+            match = body['first_match'] + (1 + piece if body['regions'] > 0 else 0)
+            to_rest = inverse(matrix_of(match_posture[match]))
+            match_place = vector_of(match_centre[match])
+            origin = vector_of(origins[surfaces[body['matched']]['first_origin'] + piece])
+        is_movable = owner < len(awake)
+        particle = candidate['particle']
+        point, inwards = vector_of(candidate['point']), ZERO
+        if is_movable:
+            inwards = minus(vector_of(bodies[awake[owner]]['centre']), point)
+        half, scale = 1 - body['now'], shape['scale']
+        thickness = candidate['thickness'] + body['thickness'] - candidate['allowance'] * scale
+        outwards = ZERO
+        if is_movable and surface['pieces'] == 1:
+            outwards = outward_normal(
+                bodies[awake[owner]], surfaces, normals, match_posture, particle
+            )
+
+        touches, inset = False, LOOKUP_INSET
+        face, height, normal, barycentric = -1, 0.0, ZERO, ZERO
+        for attempt in range(2):
+            lookup = minus(along(point, inset, inwards), match_place)
+            lookup = plus(applied(to_rest, lookup), origin)
+            row, _, _, _ = closest_face(trees, surface['tree'], lookup, np.inf)
+            if row < 0:  # not a number
+                break
+            face = trees[2][row]['index']
+            corners = faces[surface['first_face'] + face]
+            if attempt == 0 and surface['pieces'] > 1:
+                if piece_of_face[surface['first_face'] + face] != piece:
+                    break
+                if owner == other and are_neighbours(shape, surface, q, corners, particle):
+                    break
+            begin = body['first']
+            height, normal, barycentric = project_on_triangle(
+                point,
+                particle_at(x, half, begin + corners[0]),
+                particle_at(x, half, begin + corners[1]),
+                particle_at(x, half, begin + corners[2]),
+            )
+            touches = height < thickness
+            passing = (
+                touches
+                and height < -PASSING_DEPTH * scale
+                and dot(outwards, normal) > PASSING_COSINE
+            )
+            if not passing:
+                break
+            inset = PASSING_INSET
+        if not touches:
+            continue
+
+        c, d = number[owner], number[other]
+        if min(c, d) != one or max(c, d) != two:
+            one, two = min(c, d), max(c, d)
+            pair = pairs[found_pairs]
+            pair['one'], pair['two'], pair['first'], pair['count'] = one, two, found, 0
+            found_pairs += 1
+        pairs[found_pairs - 1]['count'] += 1
+        contact = contacts[found]
+        contact['body'], contact['other'], contact['pair'] = c, d, found_pairs - 1
+        contact['sign'] = 1.0 if c == one else -1.0
+        if is_movable:
+            contact['particles'][0] = first[c] + particle
+        else:
+            contact['particles'][0] = points
+            points += 1
+        contact['coefficients'][0] = 1.0
+        corners = faces[surface['first_face'] + face]
+        for corner in range(3):
+            contact['particles'][1 + corner] = first[d] + corners[corner]
+            contact['coefficients'][1 + corner] = -barycentric[corner]
+        put_vector(contact['point'], point)
+        put_vector(contact['normal'], normal)
+        contact['thickness'], contact['depth'] = thickness, thickness - height
+        found += 1
+    return found, found_pairs
+
+
+@helper
+def particle_at(x: np.ndarray, half: int, column: int) -> Vector:
+    """Return the position of a particle, m."""
+    return (x[half, 0, column], x[half, 1, column], x[half, 2, column])
+
+
+@helper
+def outward_normal(body, surfaces, normals, match_posture, particle):  # type: ignore[no-untyped-def]
+    """Return an approximate surface normal of a body at a particle; zero if unknown."""
+    surface = surfaces[body['shape']]
+    if surface['pieces'] > 1:
+        return ZERO
+    match = body['first_match'] + (1 if body['regions'] > 0 else 0)
+    posture = matrix_of(match_posture[match])
+    return applied(posture, vector_of(normals[surface['first_particle'] + particle]))
+
+
+@helper
+def are_neighbours(shape, surface, q, corners, particle):  # type: ignore[no-untyped-def]
+    """Return whether a particle is a neighbour of a face of its own body at rest."""
+    square = 0.0
+    for axis in range(3):
+        row = q[axis]
+        first = shape['first']
+        a, b, c = row[first + corners[0]], row[first + corners[1]], row[first + corners[2]]
+        gap = row[first + particle] - (a + b + c) / 3.0
+        square += gap * gap
+    return not math.sqrt(square) > surface['neighbours']
+
+
+@helper
+def project_on_triangle(
+    point: Vector, a: Vector, b: Vector, c: Vector
+) -> tuple[float, Vector, Vector]:
+    """
+    Return the height of a point over the plane of a triangle, m, the normal, and its projection.
+
+    The projection in barycentric coordinates, clamped to the triangle.
+    """
+    ab, ac, offset = minus(b, a), minus(c, a), minus(point, a)
+    normal = cross(ab, ac)
+    double_area = max(norm(normal), 1e-300)
+    normal = scaled(1.0 / double_area, normal)
+    second = dot(cross(offset, ac), normal) / double_area
+    third = dot(cross(ab, offset), normal) / double_area
+    barycentric = (max(1.0 - second - third, 0.0), max(second, 0.0), max(third, 0.0))
+    total = barycentric[0] + barycentric[1] + barycentric[2]
+    return dot(offset, normal), normal, scaled(1.0 / total, barycentric)

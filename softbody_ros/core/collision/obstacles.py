@@ -1,34 +1,90 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Obstacles: where they are, and how far points are from their surfaces."""
+"""Obstacles: poses, and records for kernels."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
+import math
+import operator
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core.collision.point_obstacles import PointObstacles
-from softbody_ros.core.collision.tessellation import obstacle_surface
+from softbody_ros.core.collision.shapes import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    MESH,
+    PLANE,
+    SPHERE,
+    Shape,
+    box_distance,
+    capsule_distance,
+    cylinder_distance,
+    make_shape,
+    plane_distance,
+    sphere_distance,
+)
+from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.config import ConfigError, ObstacleConfig
+from softbody_ros.core.geometry.bvh import (
+    SurfaceTree,
+    Trees,
+    closed_tree,
+    pack,
+    signed_distance_from_mesh,
+)
 from softbody_ros.core.geometry.mesh import PRIMITIVES, MeshError, Surface, make_surface
-from softbody_ros.core.geometry.nearest_faces import NearestFaces, nearest_faces
-from softbody_ros.core.shape_matching import rigid_motion
+from softbody_ros.core.geometry.vectors import (
+    Vector,
+    applied,
+    applied_transposed,
+    cross,
+    matrix_of,
+    minus,
+    plus,
+    put_matrix,
+    put_vector,
+    scaled,
+    vector_of,
+)
 
-EDGE_POINTS, MOST_SPIKES = 16, 2000
-"""Points along an edge of an obstacle, and of a mesh, that bodies' faces are kept out of."""
-KEPT = 256
-SHOWN_PLANE = 10.0
-"""Half extent of the part of a plane that is shown, m."""
+ROUNDING = 1e-9
+"""Relative enlargement of the bounding box of an obstacle."""
+
+OBSTACLE = np.dtype(
+    [
+        ('kind', np.int64),  # Shape.kind
+        ('size', np.float64, (3,)),  # m
+        ('tree', np.int64),  # index of the tree of a mesh
+        ('half_extents', np.float64, (3,)),  # of its bounding box in its own frame, m
+        ('bounding_radius', np.float64),  # of a ball about its origin, m
+        ('ccd_threshold', np.float64),  # displacement in a tick above which CCD is needed, m
+        ('position', np.float64, (3,)),  # m
+        ('rotation', np.float64, (3, 3)),  # its axes in world coordinates, as columns
+        ('half_box', np.float64, (3,)),  # half extents of its bounding box in the world, m
+        ('moved', np.bool_),  # whether its pose has changed since the tick before
+        ('position_before', np.float64, (3,)),  # at the tick before, m
+        ('rotation_before', np.float64, (3, 3)),
+        ('rotation_change', np.float64),  # norm of the difference of the rotations
+        ('moves', np.bool_),  # whether it has a velocity
+        ('linear', np.float64, (3,)),  # of its origin, m/s
+        ('angular', np.float64, (3,)),  # rad/s
+    ],
+    align=True,
+)
+"""One obstacle, for kernels."""
 
 
 @dataclass(frozen=True)
 class Obstacle:
     """
-    Where an obstacle is now.
+    An obstacle at its present pose.
 
     Attributes
     ----------
@@ -37,8 +93,7 @@ class Obstacle:
         m
     rotation : (3, 3) float
         its axes in world coordinates, as columns
-    faces : NearestFaces or None
-        of a mesh, of half extent 1 unless the config has a `Surface`
+    shape : Shape
     before : (position, rotation) or None
         at the tick before, if it has moved since
 
@@ -47,8 +102,23 @@ class Obstacle:
     config: ObstacleConfig
     position: np.ndarray
     rotation: np.ndarray
-    faces: NearestFaces | None = None
+    shape: Shape
     before: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def tree(self) -> SurfaceTree | None:
+        """Tree of a mesh, of half extent 1 unless the config has a `Surface`."""
+        return self.shape.tree
+
+    @property
+    def half_extents(self) -> np.ndarray:
+        """(3,) float: of a bounding box in its own frame, centred at its origin, m."""
+        return np.array(self.shape.half_extents)
+
+    @property
+    def radius(self) -> float:
+        """Radius of a bounding sphere about its origin, m; infinite for a plane."""
+        return self.shape.bounding_radius
 
     @cached_property
     def moves(self) -> bool:
@@ -56,109 +126,36 @@ class Obstacle:
         return any(self.config.velocity_linear) or any(self.config.velocity_angular)
 
     def surface_velocity(self, points: np.ndarray) -> np.ndarray:
-        """Return (k, 3): its velocity at points (k, 3), m/s."""
+        """Return its velocity (k, 3) at points (k, 3), m/s."""
         if not self.moves:
-            return np.zeros((3, len(points))).T
-        velocity, angular = self.config.velocity_linear, self.config.velocity_angular
-        pose = (self.position, np.array(velocity), np.array(angular))
-        return rigid_motion.field(points.T[None], *(each[None] for each in pose))[0].T
+            return np.zeros((len(points), 3))
+        turning = np.cross(self.config.velocity_angular, points - self.position)
+        return turning + self.config.velocity_linear
 
     def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return signed distances (k,) and outward normals (k, 3) of world points (k, 3)."""
-        if self.config.type == 'plane':
-            normal, offset = self.half_space
-            return points @ normal - offset, np.repeat(normal, len(points)).reshape(3, -1).T
-        distance, normals = self.distance(self.local(points))
-        return distance, self.to_world(normals)
+        """Return signed distances (k,), m, and outward normals (k, 3) of world points (k, 3)."""
+        distance, normals = self.distance((points - self.position) @ self.rotation)
+        return distance, normals @ self.rotation.T
 
-    def local(self, points: np.ndarray) -> np.ndarray:
-        """Return points (k, 3) in its frame."""
-        return (points - self.position) @ self.rotation
-
-    def to_world(self, vectors: np.ndarray) -> np.ndarray:
-        """Return vectors (k, 3) of its frame in world coordinates."""
-        return np.matmul(self.rotation, vectors.T).T
+    def distance(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return signed distances (k,) and outward normals (k, 3) of points in its frame."""
+        records, trees = ObstacleTable().refresh((self,))
+        points = np.ascontiguousarray(local, dtype=np.float64)
+        distance, normal = np.empty(len(points)), np.empty((len(points), 3))
+        _distances(records, trees, points, distance, normal)
+        return distance, normal
 
     @cached_property
-    def half_space(self) -> tuple[np.ndarray, float]:
-        """The normal (3,) of a plane, and how far along it its surface lies, m."""
-        normal = self.rotation[:, 2].copy()
-        return normal, float(self.position @ normal)
-
-    # --------------------------------------------------------------------------- in its own frame
-    @cached_property
-    def half_extents(self) -> np.ndarray:
-        """(3,) float: of a box in its frame, centred at its origin, that it is in, m."""
-        if self.faces is not None:
-            return self._scale * np.maximum(np.abs(self.faces.low), np.abs(self.faces.high))
-        radius, _, half_length = size = self.config.size
-        if self.config.type == 'sphere':
-            return np.full(3, radius)
-        if self.config.type == 'capsule':
-            return np.array([radius, radius, max(radius, half_length)])
-        if self.config.type == 'cylinder':
-            return np.array([radius, radius, half_length])
-        return np.array(size if self.config.type == 'box' else (np.inf,) * 3)
-
-    @cached_property
-    def radius(self) -> float:
-        """Of a ball about its origin that it is in, m; infinite for a plane."""
-        if self.config.type == 'sphere':
-            return self.config.size[0]
-        return float(np.linalg.norm(self.half_extents))
-
-    @cached_property
-    def slow(self) -> float:
-        """
-        Displacement in a tick that cannot lead a particle to the wrong side, m.
-
-        A particle that starts at the surface and goes no further than half of the way to the
-        middle is still nearest to the side on which it was.
-        """
-        if self.faces is not None:
-            return 0.5 * self._scale * self.faces.half_thickness
-        return 0.5 * float(self.half_extents.min())
-
-    @cached_property
-    def spikes(self) -> PointObstacles:
-        """Points of it that may get in between the particles of a body: corners, edges, tips."""
-        local, radius = _spikes(self.config.type, self.config.size)
-        if self.faces is not None:
-            corners = self._scale * self.faces.sharp_vertices
-            local = corners[:: max(len(corners) // MOST_SPIKES, 1)]
+    def edge_points(self) -> PointObstacles:
+        """Points on corners and edges, which could pass between the particles of a body."""
+        local, radius = self.shape.edge_points
         return PointObstacles(self.position + local @ self.rotation.T, radius)
 
     @property
     def triangles(self) -> np.ndarray:
-        """(3 m, 3) float: three corners per triangle that show it, in its own frame, m."""
-        if self.faces is None:
-            return _corners(self.config)
-        triangles = self.faces.triangles
-        corners = triangles.corner + np.stack([0.0 * triangles.ab, triangles.ab, triangles.ac])
-        return self._scale * corners.transpose(2, 0, 1).reshape(-1, 3)
-
-    def distance(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return signed distances (k,) and outward normals (k, 3) of points (k, 3)."""
-        if self.faces is None:
-            return SIGNED_DISTANCE[self.config.type](local, np.array(self.config.size))
-        distance, normal = self.faces.distance(local / self._scale)
-        return self._scale * distance, normal
-
-    def at_least(self, distance: np.ndarray) -> np.ndarray:
-        """Return lower bounds (k,) of the true distances, from those of `distance`."""
-        if self.faces is None:
-            return distance
-        return self._scale * self.faces.at_least(distance / self._scale)
-
-    def is_clear(self, local: np.ndarray, distance: np.ndarray) -> np.ndarray:
-        """Return (k,) bool: points (k, 3) surely not nearer than distances (k,); a quick test."""
-        if self.faces is None:
-            return np.zeros(len(local), dtype=bool)
-        return self.faces.is_clear(local / self._scale, distance / self._scale)
-
-    @property
-    def _scale(self) -> float:
-        return 1.0 if isinstance(self.config.mesh, Surface) else self.config.size[0]
+        """(3 m, 3) float: corners of the triangles of its tessellation, in its own frame, m."""
+        surface = self.shape.surface
+        return surface.vertices[surface.faces.reshape(-1)]
 
 
 def made(config: ObstacleConfig) -> Obstacle:
@@ -168,7 +165,7 @@ def made(config: ObstacleConfig) -> Obstacle:
     Raises
     ------
     ConfigError, MeshError
-        if it has no mesh and needs one, or it cannot be read or is not closed.
+        if its mesh is missing, unreadable or not closed.
 
     """
     if config.type != 'mesh':
@@ -182,15 +179,24 @@ def made(config: ObstacleConfig) -> Obstacle:
         surface = config.mesh
         if not isinstance(surface, Surface):
             surface = make_surface(surface, 1.0, config.subdivisions)
-        return placed(config, nearest_faces(surface))
+        return placed(config, closed_tree(surface))
     except MeshError as error:
         raise MeshError(f'{config.prefix}{error}') from None
 
 
-def placed(config: ObstacleConfig, faces: NearestFaces | None = None) -> Obstacle:
-    """Return an obstacle at the pose of its config, if a mesh then with these faces."""
+def placed(config: ObstacleConfig, tree: SurfaceTree | None = None) -> Obstacle:
+    """Return an obstacle at the pose of its config, with the tree of its mesh."""
     rotation = Rotation.from_quat(config.orientation).as_matrix()
-    return Obstacle(config, np.array(config.position), rotation, faces)
+    return Obstacle(config, np.array(config.position), rotation, make_shape(config, tree))
+
+
+def is_same(one: Obstacle, other: Obstacle) -> bool:
+    """Return whether shape, pose and velocity of two obstacles are equal."""
+    return (
+        one.config == other.config
+        and np.array_equal(one.position, other.position)
+        and np.array_equal(one.rotation, other.rotation)
+    )
 
 
 def moved(obstacle: Obstacle, h: float) -> Obstacle:
@@ -198,104 +204,179 @@ def moved(obstacle: Obstacle, h: float) -> Obstacle:
     config = obstacle.config
     if not obstacle.moves:
         return obstacle if obstacle.before is None else dataclasses.replace(obstacle, before=None)
-    turn = Rotation.from_rotvec(h * np.array(config.velocity_angular)).as_matrix()
+    rotation = obstacle.rotation
+    if any(config.velocity_angular):
+        rotation_change = Rotation.from_rotvec(h * np.array(config.velocity_angular)).as_matrix()
+        rotation = rotation_change @ rotation
     return dataclasses.replace(
         obstacle,
         position=obstacle.position + h * np.array(config.velocity_linear),
-        rotation=turn @ obstacle.rotation,
+        rotation=rotation,
         before=(obstacle.position, obstacle.rotation),
     )
 
 
-# ----------------------------------------------------------------------------------------- spikes
-@lru_cache(maxsize=KEPT)
-def _spikes(kind: str, size: tuple[float, ...]) -> tuple[np.ndarray, float]:
-    """Return points (k, 3) in the frame of an obstacle, m, and the radius of balls about them."""
-    radius, _, half_length = size
-    if kind == 'sphere':
-        return np.zeros((1, 3)), radius
-    if kind == 'capsule':
-        straight = max(half_length - radius, 0.0)
-        count = min(2 + int(2.0 * straight / radius), EDGE_POINTS)
-        return np.linspace(-straight, straight, count)[:, None] * np.eye(3)[2], radius
-    if kind == 'cylinder':
-        angles = np.linspace(0.0, 2.0 * np.pi, EDGE_POINTS, endpoint=False)
-        rim = radius * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
-        rim = np.concatenate([rim, np.zeros((1, 3))])
-        end = half_length * np.eye(3)[2]
-        return np.concatenate([rim - end, rim + end]), 0.0
-    if kind == 'box':
-        steps = np.linspace(-1.0, 1.0, EDGE_POINTS)
-        ends = np.array([(y, z) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-        edges = np.array([(x, y, z) for x in steps for y, z in ends])
-        return np.concatenate([np.roll(edges, axis, axis=1) for axis in range(3)]) * size, 0.0
-    return np.zeros((0, 3)), 0.0
+# ----------------------------------------------------------------------------------------- records
+class ObstacleTable:
+    """Records of the obstacles of a world, updated incrementally from tick to tick."""
+
+    def __init__(self) -> None:
+        self._obstacles: tuple[Obstacle, ...] = ()
+        self._trees: tuple[SurfaceTree, ...] = ()
+        self._records = np.zeros(0, OBSTACLE)
+        self._packed = pack(())
+
+    def refresh(self, obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, Trees]:
+        """Return the records (o,) OBSTACLE, valid until the next call, and the trees."""
+        obstacles = tuple(obstacles)
+        known: tuple[Obstacle | None, ...] = self._obstacles
+        if len(known) != len(obstacles):
+            self._records = np.zeros(len(obstacles), OBSTACLE)
+            known = (None,) * len(obstacles)
+        elif all(map(operator.is_, obstacles, known)):
+            return self._records, self._packed
+        self._obstacles = obstacles
+        trees = tuple(dict.fromkeys(each.tree for each in obstacles if each.tree))
+        repacked = trees != self._trees
+        if repacked:
+            self._trees, self._packed = trees, pack(trees)
+        for index, (obstacle, before) in enumerate(zip(obstacles, known, strict=True)):
+            if obstacle is before and not repacked:
+                continue
+            record = self._records[index]
+            record['tree'] = trees.index(obstacle.tree) if obstacle.tree else -1
+            if before is None or before.shape is not obstacle.shape:
+                _put_shape(record, obstacle.shape)
+            if before is None or before.config is not obstacle.config:
+                _put_velocity(record, obstacle)
+            record['moved'] = obstacle.before is not None
+            pose = (obstacle.position, obstacle.rotation)
+            _put_pose(self._records, index, *pose, *(obstacle.before or pose))
+        return self._records, self._packed
 
 
-@lru_cache(maxsize=KEPT)
-def _corners(config: ObstacleConfig) -> np.ndarray:
-    """Return three corners (3 m, 3) per triangle of an obstacle that is no mesh."""
-    surface = obstacle_surface(config, SHOWN_PLANE)
-    return surface.vertices[surface.faces.reshape(-1)]
+def _put_shape(record: np.void, shape: Shape) -> None:
+    record['kind'] = shape.kind
+    record['size'] = shape.size
+    record['half_extents'] = shape.half_extents
+    record['bounding_radius'] = shape.bounding_radius
+    record['ccd_threshold'] = shape.ccd_threshold
 
 
-# ------------------------------------------------------------------------------- signed distances
-# Each takes points in the obstacle's frame, (k, 3), and half extents, (3,); it returns the
-# distances, (k,), negative inside, and the outward normals, (k, 3).
-def plane_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half space below z = 0."""
-    normals = np.zeros_like(points)
-    normals[:, 2] = 1.0
-    return points[:, 2], normals
+def _put_velocity(record: np.void, obstacle: Obstacle) -> None:
+    record['moves'] = obstacle.moves
+    record['linear'] = obstacle.config.velocity_linear
+    record['angular'] = obstacle.config.velocity_angular
 
 
-def sphere_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ball of radius size[0]."""
-    radii = np.linalg.norm(points, axis=1)
-    return radii - size[0], _unit(points, radii)
+@kernel
+def _put_pose(
+    records: np.ndarray,
+    index: int,
+    position: np.ndarray,
+    rotation: np.ndarray,
+    position_before: np.ndarray,
+    rotation_before: np.ndarray,
+) -> None:
+    """Write present and previous pose, (3,) and (3, 3), and values that depend on them."""
+    record = records[index]
+    put_vector(record['position'], vector_of(position))
+    put_matrix(record['rotation'], matrix_of(rotation))
+    put_vector(record['position_before'], vector_of(position_before))
+    put_matrix(record['rotation_before'], matrix_of(rotation_before))
+    change = 0.0
+    for row in range(3):
+        extent = 0.0
+        for axis in range(3):
+            change += (rotation[row, axis] - rotation_before[row, axis]) ** 2
+            if rotation[row, axis] != 0.0:  # planes are infinite
+                extent += abs(rotation[row, axis]) * record['half_extents'][axis]
+        record['half_box'][row] = (1.0 + ROUNDING) * extent
+    record['rotation_change'] = math.sqrt(change)
 
 
-def capsule_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Capsule along z of radius size[0] and half length size[2], caps included."""
-    half = max(size[2] - size[0], 0.0)
-    offsets = points.copy()
-    offsets[:, 2] -= np.clip(points[:, 2], -half, half)
-    return sphere_distance(offsets, size)
+# ----------------------------------------------------------------------------------------- kernels
+@helper
+def in_frame(obstacle: np.void, point: Vector) -> Vector:
+    """Return a point in the frame of an OBSTACLE, m."""
+    offset = minus(point, vector_of(obstacle['position']))
+    return applied_transposed(matrix_of(obstacle['rotation']), offset)
 
 
-def box_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Box of half extents size."""
-    excess = np.abs(points) - size
-    outside = np.maximum(excess, 0.0)
-    gap = np.linalg.norm(outside, axis=1)
-    depth = excess.max(axis=1)
-    nearest_face = np.eye(3)[excess.argmax(axis=1)]
-    normals = np.where((depth > 0.0)[:, None], _unit(outside, gap), nearest_face)
-    return np.where(depth > 0.0, gap, depth), np.copysign(normals, points)
+@helper
+def in_frame_before(obstacle: np.void, point: Vector) -> Vector:
+    """Return a point in the frame of an OBSTACLE at the tick before, m."""
+    offset = minus(point, vector_of(obstacle['position_before']))
+    return applied_transposed(matrix_of(obstacle['rotation_before']), offset)
 
 
-def cylinder_distance(points: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cylinder along z of radius size[0] and half length size[2]."""
-    radial = points * (1.0, 1.0, 0.0)
-    radii = np.linalg.norm(radial, axis=1)
-    # a box in the half plane of the axis and the point
-    flat = np.stack([radii, np.zeros(len(points)), points[:, 2]], axis=1)
-    distance, normal = box_distance(flat, np.array([size[0], np.inf, size[2]]))
-    normals = normal[:, :1] * _unit(radial, radii)
-    normals[:, 2] = normal[:, 2]
-    return distance, normals
+@helper
+def to_world(obstacle: np.void, vector: Vector) -> Vector:
+    """Return a vector in the frame of an OBSTACLE in world coordinates."""
+    return applied(matrix_of(obstacle['rotation']), vector)
 
 
-def _unit(vectors: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    sideways = np.array([1.0, 0.0, 0.0])  # the way out from the axis of a capsule
-    safe = np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    return np.where((lengths > 0.0)[:, None], vectors / safe, sideways)
+@helper
+def distance_in_frame(obstacle: np.void, trees: Trees, local: Vector) -> tuple[float, Vector]:
+    """
+    Return the distance of a point from an OBSTACLE, m, negative inside, and the outward normal.
+
+    NaN for an unknown shape.
+
+    Parameters
+    ----------
+    obstacle : OBSTACLE
+    trees : Trees
+        of the meshes of obstacles
+    local : Vector
+        in the frame of the obstacle, m
+
+    """
+    kind, size = obstacle['kind'], vector_of(obstacle['size'])
+    if kind == MESH:
+        # the first `size` is the scale of the mesh
+        scale = size[0]
+        point = scaled(1.0 / scale, local)
+        distance, normal = signed_distance_from_mesh(trees, obstacle['tree'], point)
+        return scale * distance, normal
+    if kind == BOX:
+        return box_distance(size, local)
+    if kind == CYLINDER:
+        return cylinder_distance(size, local)
+    if kind == CAPSULE:
+        return capsule_distance(size, local)
+    if kind == SPHERE:
+        return sphere_distance(size, local)
+    if kind == PLANE:
+        return plane_distance(size, local)
+    return np.nan, (np.nan, np.nan, np.nan)
 
 
-SIGNED_DISTANCE = {
-    'plane': plane_distance,
-    'box': box_distance,
-    'sphere': sphere_distance,
-    'capsule': capsule_distance,
-    'cylinder': cylinder_distance,
-}
+@helper
+def distance_from(obstacle: np.void, trees: Trees, point: Vector) -> tuple[float, Vector]:
+    """Return the signed distance of a point in world coordinates, m, and the normal there."""
+    distance, normal = distance_in_frame(obstacle, trees, in_frame(obstacle, point))
+    return distance, to_world(obstacle, normal)
+
+
+@helper
+def velocity_at(obstacle: np.void, point: Vector) -> Vector:
+    """Return the velocity of an OBSTACLE at a point, m/s."""
+    if not obstacle['moves']:
+        return (0.0, 0.0, 0.0)
+    arm = minus(point, vector_of(obstacle['position']))
+    return plus(vector_of(obstacle['linear']), cross(vector_of(obstacle['angular']), arm))
+
+
+@kernel
+def _distances(
+    obstacles: np.ndarray,
+    trees: Trees,
+    points: np.ndarray,
+    distance: np.ndarray,
+    normal: np.ndarray,
+) -> None:
+    """Write what `distance_in_frame` returns for the first obstacle and points (k, 3)."""
+    for i in range(len(points)):
+        distance[i], direction = distance_in_frame(obstacles[0], trees, vector_of(points[i]))
+        put_vector(normal[i], direction)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Points that are in the way: what a depth camera or a laser scanner sees."""
+"""Point obstacles, such as the point clouds of depth cameras and laser scanners."""
 
 from __future__ import annotations
 
@@ -9,21 +9,23 @@ from functools import cached_property
 
 import numpy as np
 
-from softbody_ros.core.geometry.bounding_boxes import inside_boxes
+from softbody_ros.core.compiled import helper, kernel
 
 MOST_POINTS = 20_000
-"""What is left of a larger cloud: more cost time and push no better."""
+"""Size to which larger clouds are thinned: more points cost time without any benefit."""
+BITS = 21
+"""Bits of a cell index along an axis, so that three of them fit into one integer."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointObstacles:
     """
-    Points that push like small spheres.
+    Points that act as small spheres.
 
     Attributes
     ----------
     points : (k, 3) float64
-        never changed in place, m
+        immutable, m
     radius : float
         m
 
@@ -36,32 +38,51 @@ class PointObstacles:
         return len(self.points)
 
     def within(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Return the points (j, 3) whose spheres come into a box."""
+        """Return the points (j, 3) whose spheres overlap a box."""
         inside = (self.points >= low - self.radius) & (self.points <= high + self.radius)
         return self.points[inside.all(axis=1)]
 
-    def inside(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return boxes (j,) and points (j,) whose spheres come into them; corners (b, 3) in m."""
-        if not len(self):
-            return np.zeros(0, np.int64), np.zeros(0, np.int64)
-        low, high = low - self.radius, high + self.radius
-        along = self._sorted[:, 0]
-        start, stop = np.searchsorted(along, low[:, 0]), np.searchsorted(along, high[:, 0])
-        second = np.ones(len(low), np.int64)
-        box, place = inside_boxes(self._sorted, start, stop - start, low, high, second)
-        return box, self._order[place]
-
-    def some(self, chosen: np.ndarray) -> PointObstacles:
-        """Return some of the points, given as indices."""
-        return PointObstacles(self.points[chosen], self.radius)
+    def touched(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Return which boxes with corners (b, 3), m, overlap spheres, (b,) bool."""
+        result = np.zeros(len(low), dtype=bool)
+        find_touched(self.points_along_x, self.radius, low, high, result)
+        return result
 
     @cached_property
-    def _order(self) -> np.ndarray:
-        return np.argsort(self.points[:, 0], kind='stable')
+    def points_along_x(self) -> np.ndarray:
+        """(k, 3) float: the points, sorted along x."""
+        return self.points[np.argsort(self.points[:, 0], kind='stable')]
 
-    @cached_property
-    def _sorted(self) -> np.ndarray:
-        return self.points[self._order]
+
+@kernel
+def find_touched(
+    points: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray, result: np.ndarray
+) -> None:
+    """Set which boxes with corners (b, 3) overlap spheres about points (k, 3) sorted along x."""
+    for box in range(len(low)):
+        for i in range(first_beyond(points, low[box, 0] - radius), len(points)):
+            if points[i, 0] > high[box, 0] + radius:
+                break
+            inside = True
+            for axis in range(1, 3):
+                inside = inside and low[box, axis] - radius <= points[i, axis]
+                inside = inside and points[i, axis] <= high[box, axis] + radius
+            if inside:
+                result[box] = True
+                break
+
+
+@helper
+def first_beyond(points: np.ndarray, x: float) -> int:
+    """Return the index of the first of points (k, 3), sorted along x, with at least x."""
+    start, stop = 0, len(points)
+    while start < stop:
+        middle = (start + stop) // 2
+        if points[middle, 0] < x:
+            start = middle + 1
+        else:
+            stop = middle
+    return start
 
 
 NO_POINTS = PointObstacles(np.zeros((0, 3)), 0.0)
@@ -69,10 +90,10 @@ NO_POINTS = PointObstacles(np.zeros((0, 3)), 0.0)
 
 def thinned(points: np.ndarray, cell: float, most: int = MOST_POINTS) -> np.ndarray:
     """
-    Return at most so many of the points (k, 3), always the same ones of the same points.
+    Return at most `most` of the points (k, 3), deterministically.
 
-    Of too many, the first in each cube of a grid is kept, which loses nothing that is farther from
-    its neighbours than a few cells; of what is still too many, evenly many in the given order.
+    Voxel filter: the first point in each cube of a grid is kept; if these are still too many, they
+    are sampled evenly in the given order.
 
     Parameters
     ----------
@@ -92,18 +113,12 @@ def thinned(points: np.ndarray, cell: float, most: int = MOST_POINTS) -> np.ndar
 
 
 def _first_in_each_cell(points: np.ndarray, cell: float) -> np.ndarray:
-    """Return the indices, in order, of the points that are the first in their cell."""
-    x, y, z = np.floor(points / cell).astype(np.int64).astype(np.uint64).T
-    # one number for each cell, however far apart they are. Among a million cells two have the same
-    # number in one cloud of twenty, and a point too many goes
-    code = x * np.uint64(0x9E3779B97F4A7C15)
-    code = (code ^ (code >> np.uint64(29)) ^ y) * np.uint64(0xBF58476D1CE4E5B9)
-    code = (code ^ (code >> np.uint64(32)) ^ z) * np.uint64(0x94D049BB133111EB)
-    # number and index in one: sorting numbers is ten times faster than sorting indices by them
-    bits = np.uint64(len(points).bit_length())
-    code = (code >> bits) << bits | np.arange(len(points), dtype=np.uint64)
-    code.sort()
-    cells = code >> bits
-    first = np.concatenate([[True], cells[1:] != cells[:-1]])
-    index = code[first] & ((np.uint64(1) << bits) - np.uint64(1))
-    return np.sort(index.astype(np.int64))
+    """Return the indices, in order, of the first point in each cell."""
+    cells = np.floor(points / cell).astype(np.int64)
+    cells -= cells.min(axis=0)
+    if cells.max() >> BITS:  # too far apart to pack into integers: exact, but several times slower
+        first = np.unique(cells, axis=0, return_index=True)[1]
+    else:
+        x, y, z = cells.T
+        first = np.unique(x << 2 * BITS | y << BITS | z, return_index=True)[1]
+    return np.sort(first)

@@ -1,242 +1,320 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Bodies stopped as wholes, before they sink through each other.
+Rigid-level constraints that bound interpenetration in a pile.
 
-The particles that touch are light: between heavy or fast bodies they would give way until the
-bodies had passed through each other. Impulses between whole bodies, found for a heap at once,
-keep them from it.
+The particles in contact are light: between heavy or fast bodies, impulses on them alone could not
+prevent the bodies from passing through each other. Impulses between whole bodies, solved for all
+bodies in contact together, do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+import math
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from softbody_ros.core.collision.obstacles import Obstacle
-from softbody_ros.core.columns import summed
-from softbody_ros.core.contact import soft_obstacle
-from softbody_ros.core.contact.contact_state import Crowd
-from softbody_ros.core.contact.manifold import Meeting
-from softbody_ros.core.shape_matching import rigid_motion
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.contact_state import add_wrench, apply_mobility
+from softbody_ros.core.contact.manifold import relative_speed
+from softbody_ros.core.contact.support import SETTLED, TINY, settling_speed
+from softbody_ros.core.geometry.vectors import dot, norm, vector_of
 
 DEEPEST = 0.1
-"""How deep goals may be in each other, in RMS radii, before bodies stop each other as wholes."""
-RETREAT = 0.2
-"""Share of what is deeper by which they move apart in a tick."""
+"""Penetration of goals, in RMS radii, at which constraints between bodies become active."""
+POSITION_CORRECTION = 0.2
+"""Share of deeper penetration that is corrected per tick."""
 ROUNDS = 20
-LEAST_STIFFNESS = 0.01
-"""Share of its mobility that a body must have along the mean normal of what it touches."""
+LEAST_MOBILITY = 0.01
+"""Least mobility along the mean normal of its contacts, relative to that of the body."""
+
+CONSTRAINT = np.dtype(
+    [
+        ('one', np.int64),  # members; both are the same one for a body on an obstacle
+        ('two', np.int64),
+        # from twists to speed along the mean normal, and from an impulse along it to twists
+        ('jacobian_one', np.float64, (6,)),
+        ('jacobian_two', np.float64, (6,)),
+        ('response_one', np.float64, (6,)),
+        ('response_two', np.float64, (6,)),
+        ('clearance', np.float64),  # remaining admissible penetration, m
+        ('surface_speed', np.float64),  # of the obstacle along the normal, m/s
+        ('effective_mass', np.float64),  # with mass splitting, kg
+    ],
+    align=True,
+)
+"""A non-penetration constraint between two bodies, or a body and an obstacle."""
+
+ObstacleContacts = Callable[[np.ndarray], np.ndarray]
+"""
+Function from bodies (c,) int of the world to their contacts with obstacles, sorted by obstacle,
+then body: an array with the fields body, obstacle, particle, point, normal, surface_velocity, and
+goal_depth, the penetration of the particle's goal, m, or 0.
+"""
 
 
-@dataclass(frozen=True)
-class Stops:
-    """
-    What stops bodies as wholes.
-
-    Attributes
-    ----------
-    twist : (C, 6) float
-        the change of twists
-    retreat : (C, 6) float
-        a small motion that they make, m and rad
-    impulse : (k,) float
-        along the normals, N s
-    from_obstacles : (C, 2, 3) float
-        impulse, N s, and turning impulse about the centre of mass, N m s
-
-    """
-
-    twist: np.ndarray
-    retreat: np.ndarray
-    impulse: np.ndarray
-    from_obstacles: np.ndarray
-
-
-def stopped_bodies(
-    meeting: Meeting,
-    twist: np.ndarray,
-    obstacles: Sequence[Obstacle],
+def solve_body_constraints(
+    state: Any,
+    members: np.ndarray,
+    contacts: np.ndarray,
+    pairs: np.ndarray,
+    twists: np.ndarray,
     gravity: np.ndarray,
     h: float,
-) -> Stops:
+    obstacle_contacts: ObstacleContacts,
+) -> None:
     """
-    Return what keeps bodies from sinking deeper than `DEEPEST` into each other.
+    Solve the constraints that limit penetration of bodies to `DEEPEST`, with restitution.
 
-    They rebound as springily as they are. Obstacles, which particles cannot enter, take part only
-    to hold what stands on them: so impulses go through a heap in one tick.
+    Obstacles, which particles cannot penetrate, are included as supports, so that impulses
+    propagate through a pile in one tick.
 
     Parameters
     ----------
-    meeting : Meeting
-    twist : (C, 6) float
-        of the bodies, m/s and rad/s
-    obstacles : sequence of Obstacle
+    state : State
+    members, contacts, pairs : (C,) MEMBER, (k,) CONTACT, (p,) PAIR
+        written: `constraint_twist`, `correction` and `received` of the members, `body_impulse` of
+        the contacts
+    twists : (C, 6) float
+        of the members, m/s and rad/s
     gravity : (3,) float
         m/s²
     h : float
         s
+    obstacle_contacts : callable
+        see `ObstacleContacts`
 
     """
-    room = DEEPEST * meeting.scale - meeting.depth
-    enough = meeting.mean(meeting.speeds(twist)) >= -room / h
-    if (enough | ~meeting.apart).all():
-        return no_stops(meeting)
-    heap = make_heap(meeting, obstacles)
-    before = heap.felt @ twist.ravel() - heap.carried_along
-    least = -np.maximum(heap.room, 0.0) / h
-    impulse = heap.solved(least - before)
-    retreat = heap.solved(RETREAT * np.maximum(-heap.room, 0.0))
-    back = np.zeros(len(heap.room))
-    pairs = len(meeting.one)
-    fast = np.clip(-before[:pairs] / meeting.settling(gravity) - soft_obstacle.SETTLED, 0.0, 1.0)
-    back[:pairs] = -meeting.springiness * fast * before[:pairs]
-    rebounds = (impulse > 0.0) & (back > 0.0)
-    if rebounds.any():
-        rebounding = heap.solved(np.where(rebounds, back, least) - before)
-        gained = rebounding @ (before + 0.5 * (heap.coupling @ rebounding))
-        # rebounds that go through a whole heap at once could give more than there was
+    if stay_apart(contacts, pairs, members, twists, h):
+        return
+    standing = obstacle_contacts(members['body'][members['body'] >= 0])
+    constraints = np.zeros(len(pairs) + len(standing), CONSTRAINT)
+    count = connect_pairs(contacts, pairs, members, constraints)
+    count = connect_obstacles(
+        standing, state.bodies, state.shapes, state.weights, members, constraints, count
+    )
+    solve_constraints(constraints[:count], contacts, pairs, members, twists, gravity, h)
+
+
+@kernel
+def stay_apart(
+    contacts: np.ndarray, pairs: np.ndarray, members: np.ndarray, twists: np.ndarray, h: float
+) -> bool:
+    """Return whether no constraint would be violated at the end of the tick."""
+    for pair in pairs:
+        if pair['one'] == pair['two']:
+            continue
+        speed = 0.0
+        for contact in contacts[pair['first'] : pair['first'] + pair['count']]:
+            speed += contact['share'] * relative_speed(contact, pair, members, twists)
+        if not speed >= -(DEEPEST * pair['scale'] - pair['depth']) / h:
+            return False
+    return True
+
+
+@kernel
+def connect_pairs(
+    contacts: np.ndarray, pairs: np.ndarray, members: np.ndarray, constraints: np.ndarray
+) -> int:
+    """Write the constraints between bodies, one per pair; return their number."""
+    for number in range(len(pairs)):
+        pair, constraint = pairs[number], constraints[number]
+        one, two = pair['one'], pair['two']
+        constraint['one'], constraint['two'] = one, two
+        constraint['clearance'] = DEEPEST * pair['scale'] - pair['depth']
+        if one == two:
+            continue
+        for contact in contacts[pair['first'] : pair['first'] + pair['count']]:
+            factor = contact['share'] * contact['sign']
+            normal, point = vector_of(contact['normal']), vector_of(contact['point'])
+            add_wrench(members[one], constraint['jacobian_one'], factor, point, normal)
+            add_wrench(members[two], constraint['jacobian_two'], factor, point, normal)
+    return len(pairs)
+
+
+@kernel
+def connect_obstacles(
+    standing: np.ndarray,
+    bodies: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    members: np.ndarray,
+    constraints: np.ndarray,
+    count: int,
+) -> int:
+    """Append the constraints of bodies on obstacles to `count` others; return the total."""
+    start = 0
+    while start < len(standing):
+        body, obstacle = standing[start]['body'], standing[start]['obstacle']
+        number = 0
+        while members[number]['body'] != body:
+            number += 1
+        member, shape = members[number], shapes[bodies[body]['shape']]
+        constraint = constraints[count]
+        constraint['one'] = constraint['two'] = number
+        total = depth = speed = 0.0
+        stop = start
+        while stop < len(standing):
+            contact = standing[stop]
+            if contact['body'] != body or contact['obstacle'] != obstacle:
+                break
+            # a particle without area has no weight: it must not divide by zero
+            weight = max(weights[shape['first'] + contact['particle']], TINY)
+            normal, point = vector_of(contact['normal']), vector_of(contact['point'])
+            add_wrench(member, constraint['jacobian_one'], weight, point, normal)
+            total += weight
+            depth += weight * contact['goal_depth']
+            speed += weight * dot(vector_of(contact['surface_velocity']), normal)
+            stop += 1
+        for axis in range(6):
+            constraint['jacobian_one'][axis] /= total
+        constraint['clearance'] = DEEPEST * member['scale'] - depth / total
+        constraint['surface_speed'] = speed / total
+        start, count = stop, count + 1
+    return count
+
+
+@kernel
+def solve_constraints(
+    constraints: np.ndarray,
+    contacts: np.ndarray,
+    pairs: np.ndarray,
+    members: np.ndarray,
+    twists: np.ndarray,
+    gravity: np.ndarray,
+    h: float,
+) -> None:
+    """Compute the impulses, see `solve_body_constraints`; constraints are completed in place."""
+    find_effective_masses(constraints, len(pairs), members)
+    count = len(constraints)
+    approach, least, clearance = np.empty(count), np.empty(count), np.empty(count)
+    rebound_speed, position_impulse = np.zeros(count), np.zeros(count)
+    needed, impulse, rebound = np.empty(count), np.zeros(count), np.zeros(count)
+    scratch = np.empty((len(members), 6))
+    for k in range(count):
+        constraint = constraints[k]
+        approach[k] = constraint_speed(constraint, twists) - constraint['surface_speed']
+        clearance[k] = max(constraint['clearance'], 0.0)
+        least[k] = -clearance[k] / h
+        needed[k] = POSITION_CORRECTION * max(-constraint['clearance'], 0.0)
+    solve(constraints, needed, position_impulse, scratch)
+    for k in range(count):
+        needed[k] = least[k] - approach[k]
+    solve(constraints, needed, impulse, scratch)
+
+    rebounds = False
+    magnitude = norm(vector_of(gravity))
+    for k in range(len(pairs)):
+        pair = pairs[k]
+        settling = settling_speed(magnitude, pair['scale'])
+        ramp = min(max(-approach[k] / settling - SETTLED, 0.0), 1.0)
+        rebound_speed[k] = -restitution(pair) * ramp * approach[k]
+        if impulse[k] > 0.0 and rebound_speed[k] > 0.0:
+            rebounds = True
+            needed[k] = rebound_speed[k] - approach[k]
+    if rebounds:
+        solve(constraints, needed, rebound, scratch)
+        impulse_response(constraints, rebound, scratch)
+        gained = 0.0
+        for k in range(count):
+            gained += rebound[k] * (approach[k] + 0.5 * constraint_speed(constraints[k], scratch))
+        # simultaneous rebounds in a pile could add energy
         if gained <= 0.0:
-            impulse = rebounding
-            # they turn round within the tick: where they are deepest in each other
-            retreat -= np.where(rebounds, heap.compliance * np.maximum(heap.room, 0.0), 0.0)
-    return heap.stops(meeting, impulse, retreat)
+            for k in range(count):
+                if impulse[k] > 0.0 and rebound_speed[k] > 0.0:
+                    # the reversal is within the tick, at the deepest penetration
+                    position_impulse[k] -= constraints[k]['effective_mass'] * clearance[k]
+            impulse = rebound
+
+    impulse_response(constraints, impulse, scratch)
+    for number in range(len(members)):
+        for axis in range(6):
+            members[number]['constraint_twist'][axis] = scratch[number, axis]
+    impulse_response(constraints, position_impulse, scratch)
+    for number in range(len(members)):
+        for axis in range(6):
+            members[number]['correction'][axis] = scratch[number, axis]
+    for k in range(len(pairs)):
+        for contact in contacts[pairs[k]['first'] : pairs[k]['first'] + pairs[k]['count']]:
+            contact['body_impulse'] = impulse[k] * contact['share']
+    for k in range(len(pairs), count):
+        member = members[constraints[k]['one']]
+        for axis in range(6):
+            member['received'][axis] += impulse[k] * constraints[k]['jacobian_one'][axis]
 
 
-@dataclass(frozen=True)
-class Heap:
+@helper
+def restitution(pair):  # type: ignore[no-untyped-def]
     """
-    Bodies that touch each other and obstacles, as constraints: first the pairs, then those.
+    Return the coefficient of restitution of a pair.
 
-    Attributes
-    ----------
-    room : (q,) float
-        how much deeper they may sink, m
-    felt : (q, 6 C) sparse
-        from twists to the speeds with which they part
-    caused : (6 C, q) sparse
-        from impulses to twists
-    coupling : (q, q) sparse
-        from impulses to speeds
-    compliance : (q,) float
-        impulse that a speed takes, if all are stopped at once, kg
-    standing : (s,) int
-        bodies on obstacles
-    row_standing : (s, 6) float
-        what their twists do along the normals
-    carried_along : (q,) float
-        speeds along the normals of the obstacles, m/s
-
+    The energy stored in the deformation of the first half of a swing is returned in the second,
+    reduced by bounciness; elasticity absorbs as in `add_impulses`.
     """
-
-    room: np.ndarray
-    felt: csr_array
-    caused: csr_array
-    coupling: csr_array
-    compliance: np.ndarray
-    standing: np.ndarray
-    row_standing: np.ndarray
-    carried_along: np.ndarray
-
-    def solved(self, missing: np.ndarray) -> np.ndarray:
-        """Return impulses that are not negative, after which no speed is missing, (q,)."""
-        impulse = np.zeros(len(missing))
-        for _ in range(ROUNDS):
-            step = self.compliance * (missing - self.coupling @ impulse)
-            impulse = np.maximum(impulse + step, 0.0)
-        return impulse
-
-    def stops(self, meeting: Meeting, impulse: np.ndarray, retreat: np.ndarray) -> Stops:
-        """Return what impulses, and moves as if they were impulses, do to the bodies."""
-        pairs, count = len(meeting.one), len(meeting.crowd)
-        from_obstacles = impulse[pairs:, None] * self.row_standing
-        return Stops(
-            twist=(self.caused @ impulse).reshape(-1, 6),
-            retreat=(self.caused @ retreat).reshape(-1, 6),
-            impulse=impulse[:pairs][meeting.pair] * meeting.share,
-            from_obstacles=summed(from_obstacles, self.standing, count).reshape(-1, 2, 3),
-        )
+    return 0.5 * (1.0 + pair['elasticity']) * math.sqrt(pair['bounciness'])
 
 
-def make_heap(meeting: Meeting, obstacles: Sequence[Obstacle]) -> Heap:
-    """Return the constraints between the bodies of a meeting, and the obstacles they stand on."""
-    crowd, mobility, pairs = meeting.crowd, meeting.crowd.mobility, len(meeting.one)
-    share = np.where(meeting.apart[meeting.pair], meeting.share, 0.0)[:, None]
-    standing, row_standing, room_standing, speed = _standing(crowd, obstacles)
-    row_one = np.concatenate([meeting.sums(share * meeting.rows[0]), row_standing])
-    row_two = meeting.sums(share * meeting.rows[1])
-    one, two = np.concatenate([meeting.one, standing]), meeting.two
-    by_one = rigid_motion.applied(mobility[one], row_one)
-    by_two = rigid_motion.applied(mobility[two], row_two)
-    felt = _by_body(row_one, one, -row_two, two, len(crowd))
-    caused = _by_body(by_one, one, -by_two, two, len(crowd)).T.tocsr()
-    # each body counts as many times as it touches something: so all can be stopped at once
-    contacts = np.bincount(np.concatenate([one, two]), minlength=len(crowd))
-    stiffness = np.einsum('ij,ij->i', row_one, by_one) * contacts[one]
-    stiffness[:pairs] += np.einsum('ij,ij->i', row_two, by_two) * contacts[two]
-    # where normals point all ways there is no way out for bodies as wholes
-    least = LEAST_STIFFNESS * crowd.body_lightness * contacts
-    able = stiffness > np.maximum(
-        least[one], np.concatenate([least[two], np.zeros(len(standing))])
-    )
-    compliance = np.where(able, 1.0 / np.where(able, stiffness, 1.0), 0.0)
-    room = np.concatenate([DEEPEST * meeting.scale - meeting.depth, room_standing])
-    carried_along = np.concatenate([np.zeros(pairs), speed])
-    coupling = felt @ caused
-    return Heap(room, felt, caused, coupling, compliance, standing, row_standing, carried_along)
+@helper
+def find_effective_masses(constraints, pairs, members):  # type: ignore[no-untyped-def]
+    """Write the responses of twists to impulses, and effective masses with mass splitting."""
+    contact_count = np.zeros(len(members), np.int64)
+    for k in range(len(constraints)):
+        constraint = constraints[k]
+        contact_count[constraint['one']] += 1
+        if k < pairs:
+            contact_count[constraint['two']] += 1
+    for k in range(len(constraints)):
+        constraint = constraints[k]
+        one, two = constraint['one'], constraint['two']
+        apply_mobility(members[one], constraint['jacobian_one'], constraint['response_one'])
+        apply_mobility(members[two], constraint['jacobian_two'], constraint['response_two'])
+        along_one = along_two = 0.0
+        for axis in range(6):
+            along_one += constraint['jacobian_one'][axis] * constraint['response_one'][axis]
+            along_two += constraint['jacobian_two'][axis] * constraint['response_two'][axis]
+        # mass splitting: the mass of each body is divided among its contacts
+        mobility = along_one * contact_count[one] + along_two * contact_count[two]
+        # normals in all directions have no mean along which the bodies could separate
+        least_one = LEAST_MOBILITY * members[one]['inverse_mass'] * contact_count[one]
+        least_two = LEAST_MOBILITY * members[two]['inverse_mass'] * contact_count[two]
+        constraint['effective_mass'] = 0.0
+        if mobility > max(least_one, least_two):
+            constraint['effective_mass'] = 1.0 / mobility
 
 
-def no_stops(meeting: Meeting) -> Stops:
-    """Return what it is when nothing has to be stopped."""
-    count = len(meeting.crowd)
-    still = np.zeros((count, 6))
-    return Stops(still, still, np.zeros(len(meeting.touches)), np.zeros((count, 2, 3)))
+@helper
+def constraint_speed(constraint, twists):  # type: ignore[no-untyped-def]
+    """Return the separation speed at a constraint for twists (C, 6) of members, m/s."""
+    one, two = twists[constraint['one']], twists[constraint['two']]
+    speed = 0.0
+    for axis in range(6):
+        speed += constraint['jacobian_one'][axis] * one[axis]
+        speed -= constraint['jacobian_two'][axis] * two[axis]
+    return speed
 
 
-def _by_body(
-    row_one: np.ndarray, one: np.ndarray, row_two: np.ndarray, two: np.ndarray, bodies: int
-) -> csr_array:
-    """Return a sparse matrix with the blocks (q, 6) of bodies; some rows have one only."""
-    rows = np.concatenate([np.arange(len(one)), np.arange(len(two))])
-    columns = 6 * np.concatenate([one, two])[:, None] + np.arange(6)
-    values = np.concatenate([row_one, row_two])
-    return csr_array(
-        (values.ravel(), (np.repeat(rows, 6), columns.ravel())), shape=(len(one), 6 * bodies)
-    )
+@helper
+def impulse_response(constraints, impulse, twists):  # type: ignore[no-untyped-def]
+    """Write the changes of twists (C, 6) by impulses (q,)."""
+    for number in range(len(twists)):
+        for axis in range(6):
+            twists[number, axis] = 0.0
+    for k in range(len(constraints)):
+        constraint = constraints[k]
+        one, two = twists[constraint['one']], twists[constraint['two']]
+        for axis in range(6):
+            one[axis] += impulse[k] * constraint['response_one'][axis]
+            two[axis] -= impulse[k] * constraint['response_two'][axis]
 
 
-def _standing(
-    crowd: Crowd, obstacles: Sequence[Obstacle]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return which bodies stand on obstacles (s,), their rows (s, 6), and the room left (s,), m.
-
-    And the speeds (s,) of the obstacles along the normals, m/s.
-    """
-    body, rows = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
-    room, speed = [np.zeros(0)], [np.zeros(0)]
-    for source in crowd.sources:
-        flight, tick = source.flight, source.flight.tick
-        x, bodies = flight.particles.x, len(flight.batch.x)
-        near = soft_obstacle.nearby(flight.particles, obstacles, tick.gains.thickness)
-        for obstacle, within in zip(obstacles, near, strict=True):
-            within = np.intersect1d(within, source.rows)
-            if not len(within):
-                continue
-            contacts = soft_obstacle.find(x, obstacle, tick.gains.thickness, bodies=within)
-            if not len(contacts):
-                continue
-            patch = soft_obstacle.make_patch(contacts, flight.motion, tick.rest)
-            goals = flight.match.goals_of(contacts.body, contacts.particle)
-            sunk = soft_obstacle.depth_of_goals(contacts, obstacle, goals, tick)
-            touching = np.unique(contacts.body)
-            row = patch.share[:, None] * np.hstack([contacts.normal, patch.levers])
-            body.append(source.first + np.searchsorted(source.rows, touching))
-            rows.append(summed(row, contacts.body, bodies)[touching])
-            room.append((DEEPEST * tick.rest.scale - patch.mean(sunk))[touching])
-            along = np.einsum('ij,ij->i', contacts.surface_velocity, contacts.normal)
-            speed.append(patch.mean(along)[touching])
-    return tuple(np.concatenate(parts) for parts in (body, rows, room, speed))  # type: ignore
+@helper
+def solve(constraints, needed, impulse, twists):  # type: ignore[no-untyped-def]
+    """Write impulses (q,) ≥ 0 that add at least the needed speeds (projected Jacobi)."""
+    for _ in range(ROUNDS):
+        impulse_response(constraints, impulse, twists)
+        for k in range(len(constraints)):
+            constraint = constraints[k]
+            remaining = needed[k] - constraint_speed(constraint, twists)
+            impulse[k] = max(impulse[k] + constraint['effective_mass'] * remaining, 0.0)

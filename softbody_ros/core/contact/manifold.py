@@ -1,165 +1,206 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the bodies of a crowd touch, pair by pair, and how they move there as rigid bodies."""
+"""Pairs of bodies in contact: combined properties, and the loads that gravity causes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+import math
 
 import numpy as np
 
-from softbody_ros.core.collision.narrow_phase import Touches
-from softbody_ros.core.columns import summed
-from softbody_ros.core.contact import soft_obstacle
-from softbody_ros.core.contact.contact_state import Crowd
-from softbody_ros.core.shape_matching import rigid_motion
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.contact_state import (
+    add_wrench,
+    apply_mobility,
+    difference,
+    velocity_at,
+)
+from softbody_ros.core.contact.support import support
+from softbody_ros.core.geometry.bounding_boxes import sort_indices
+from softbody_ros.core.geometry.vectors import ZERO, dot, minus, norm, plus, scaled, vector_of
 
-HELD = 1e-6
-"""Share of its mobility that a body counts with when pins hold it altogether."""
+LEAST_INVERSE_MASS = 1e-6
+"""Lower bound of the inverse mass of a fully pinned pair, relative to an unpinned body."""
+LEAST_SUPPORT = 0.1
+"""Sum of squared cosines of supports below which the transmitted load is reduced."""
 
 
-@dataclass(frozen=True)
-class Meeting:
+@kernel
+def prepare_contacts(
+    contacts: np.ndarray,
+    pairs: np.ndarray,
+    members: np.ndarray,
+    goals: np.ndarray,
+    inverse_mass: np.ndarray,
+) -> None:
+    """Complete contacts, pairs and members in place with what is independent of velocities."""
+    for pair in pairs:
+        one, two = members[pair['one']], members[pair['two']]
+        least = LEAST_INVERSE_MASS / min(one['mass'], two['mass'])
+        pair['reduced_mass'] = 1.0 / max(one['inverse_mass'] + two['inverse_mass'], least)
+        pair['scale'] = min(one['scale'], two['scale'])
+        pair['elasticity'] = geometric_mean(one['elasticity'], two['elasticity'])
+        pair['bounciness'] = geometric_mean(one['bounciness'], two['bounciness'])
+        own = contacts[pair['first'] : pair['first'] + pair['count']]
+        total = 0.0
+        for contact in own:
+            # for immovable points the effective mass is that of the face
+            inverse = inverse_mass[contact['particles'][0]]
+            if inverse == 0.0:
+                for corner in range(1, 4):
+                    corner_inverse = inverse_mass[contact['particles'][corner]]
+                    inverse -= contact['coefficients'][corner] * corner_inverse
+            contact['share'], contact['body_impulse'] = 1.0 / inverse, 0.0
+            total += contact['share']
+            gap = dot(difference(contact, goals), vector_of(contact['normal']))
+            contact['goal_depth'] = max(contact['thickness'] - gap, 0.0)
+            members[contact['body']]['contact_count'] += 1
+            members[contact['other']]['contact_count'] += 1
+        pair['depth'] = pair['load'] = 0.0
+        for contact in own:
+            contact['share'] /= total
+            pair['depth'] += contact['share'] * contact['goal_depth']
+
+
+@helper
+def geometric_mean(one: float, two: float) -> float:
+    """Return the geometric mean of a property of two bodies; NaN means it is undefined."""
+    if math.isnan(one):
+        return two
+    if math.isnan(two):
+        return one
+    return math.sqrt(one * two)
+
+
+@helper
+def relative_speed(contact, pair, members, twists):  # type: ignore[no-untyped-def]
     """
-    Where the bodies of a crowd touch: k places, of p pairs of bodies.
+    Return the separation speed of two members at a contact, for their rigid motions, m/s.
 
-    Attributes
+    Parameters
     ----------
-    crowd : Crowd
-    touches : Touches
-    pair : (k,) int
-    one, two : (p,) int
-        the bodies of each pair, the same one if a body touches itself
-    sign : (k,) float
-        1 where the particle is that of the first, −1 where it is that of the second
-    normal : (k, 3) float
-        from the second body to the first
-    share : (k,) float
-        of the mass that touches in its pair
-    point : (k, 3) float
-        where they touch, m
+    contact : CONTACT
+    pair : PAIR
+    members : (C,) MEMBER
+    twists : (C, 6) float
+        of the members, m/s and rad/s
 
     """
-
-    crowd: Crowd
-    touches: Touches
-    pair: np.ndarray
-    one: np.ndarray
-    two: np.ndarray
-    sign: np.ndarray
-    normal: np.ndarray
-    share: np.ndarray
-    point: np.ndarray
-
-    @cached_property
-    def rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """(k, 6) float of each body: what its twist does along the normal."""
-        return self._row(self.one[self.pair]), self._row(self.two[self.pair])
-
-    def _row(self, body: np.ndarray) -> np.ndarray:
-        arms = self.point - self.crowd.centre[body]
-        return np.hstack([self.normal, rigid_motion.cross(arms, self.normal)])
-
-    @cached_property
-    def apart(self) -> np.ndarray:
-        """(p,) bool: whether they are two bodies."""
-        return self.one != self.two
-
-    @cached_property
-    def reduced_mass(self) -> np.ndarray:
-        """(p,) float: of the two bodies, kg; very large where none of them can move."""
-        lightness = self.crowd.body_lightness
-        least = HELD / np.minimum(self.crowd.mass[self.one], self.crowd.mass[self.two])
-        return 1.0 / np.maximum(lightness[self.one] + lightness[self.two], least)
-
-    @cached_property
-    def scale(self) -> np.ndarray:
-        """(p,) float: RMS radius of the smaller body, m."""
-        return np.minimum(self.crowd.scale[self.one], self.crowd.scale[self.two])
-
-    @property
-    def springiness(self) -> np.ndarray:
-        """
-        (p,) float: speed after a stop, as a share of that before.
-
-        What a body stores on the first half of a swing it gives back on the second, of which
-        bounciness leaves a share; and elasticity absorbs as in `soft_obstacle.absorbed_rebound`.
-        """
-        elasticity, bounciness = (
-            between(values, self.one, self.two)
-            for values in (self.crowd.elasticity, self.crowd.bounciness)
-        )
-        return 0.5 * (1.0 + elasticity) * np.sqrt(bounciness)
-
-    def settling(self, gravity: np.ndarray) -> np.ndarray:
-        """Return the speeds (p,) at which restitution fades out, m/s."""
-        return np.asarray(soft_obstacle.settling_speed(gravity, self.scale))
-
-    @cached_property
-    def sunk(self) -> np.ndarray:
-        """(k,) float: how deep the goal of each particle lies in that of the face, m, or 0."""
-        touches, goals = self.touches, self.crowd.goals
-        faces = np.einsum('ki,kij->kj', touches.share, goals[touches.corners])
-        gap = np.einsum('ij,ij->i', goals[touches.particle] - faces, touches.normal)
-        return np.maximum(touches.thickness - gap, 0.0)
-
-    @cached_property
-    def depth(self) -> np.ndarray:
-        """(p,) float: mean of it, m."""
-        return self.mean(self.sunk)
-
-    def mean(self, values: np.ndarray) -> np.ndarray:
-        """Return the means (p,) of values (k,) at the places of each pair."""
-        return np.bincount(self.pair, self.share * values, len(self.one))
-
-    def sums(self, values: np.ndarray) -> np.ndarray:
-        """Return the sums (p, …) of values (k, …) at the places of each pair."""
-        return summed(values, self.pair, len(self.one))
-
-    def speeds(self, twist: np.ndarray) -> np.ndarray:
-        """Return how fast bodies that move with twists (C, 6) part at each place, (k,), m/s."""
-        row_one, row_two = self.rows
-        speeds = np.einsum('ij,ij->i', row_one, twist[self.one[self.pair]])
-        return speeds - np.einsum('ij,ij->i', row_two, twist[self.two[self.pair]])
-
-    def twist_by(self, impulse: np.ndarray) -> np.ndarray:
-        """Return the twists (C, 6) that impulses (k,) along the normals cause."""
-        row_one, row_two = self.rows
-        count = len(self.crowd)
-        total = summed(self.sums(impulse[:, None] * row_one), self.one, count)
-        total -= summed(self.sums(impulse[:, None] * row_two), self.two, count)
-        return rigid_motion.applied(self.crowd.mobility, total)
+    point, one, two = vector_of(contact['point']), pair['one'], pair['two']
+    velocity = velocity_at(members[one], twists[one], point)
+    velocity = minus(velocity, velocity_at(members[two], twists[two], point))
+    return contact['sign'] * dot(velocity, vector_of(contact['normal']))
 
 
-def make_meeting(crowd: Crowd, touches: Touches) -> Meeting:
-    """Return where the bodies of a crowd touch, pair by pair."""
-    count = len(crowd)
-    body, other = touches.body, touches.other
-    keys, pair = np.unique(
-        np.minimum(body, other) * count + np.maximum(body, other), return_inverse=True
-    )
-    one, two = np.divmod(keys, count)
-    sign = np.where(body == one[pair], 1.0, -1.0)
-    # of what does not give way, the mass of what it touches counts
-    corners = np.einsum('ij,ij->i', touches.share, crowd.lightness[touches.corners])
-    lightness = crowd.lightness[touches.particle]
-    weight = 1.0 / np.where(lightness > 0.0, lightness, corners)
-    return Meeting(
-        crowd=crowd,
-        touches=touches,
-        pair=pair,
-        one=one,
-        two=two,
-        sign=sign,
-        normal=sign[:, None] * touches.normal,
-        share=weight / np.bincount(pair, weight, len(keys))[pair],
-        point=crowd.x[touches.particle],
-    )
+# ------------------------------------------------------------------------------------- loads
+@kernel
+def carry_weight(
+    contacts: np.ndarray,
+    pairs: np.ndarray,
+    members: np.ndarray,
+    gravity: np.ndarray,
+    h: float,
+    twists: np.ndarray,
+) -> None:
+    """
+    Compute the impulses by which bodies support the weight of bodies on top of them.
+
+    By the same spring and damper as between bodies and obstacles, for the load of each pair.
+
+    Parameters
+    ----------
+    contacts, pairs, members
+        their `load_impulse`, `load` and `load_twist` are written
+    gravity : (3,) float
+        m/s²
+    h : float
+        s
+    twists : (C, 6) float
+        written: of the members, including `load_twist`, m/s and rad/s
+
+    """
+    for number in range(len(members)):
+        for axis in range(3):
+            twists[number, axis] = members[number]['velocity'][axis]
+            twists[number, 3 + axis] = members[number]['angular_velocity'][axis]
+    find_loads(contacts, pairs, members, gravity)
+    wrenches = np.zeros((len(members), 6))
+    for pair in pairs:
+        reduced_mass, depth = pair['reduced_mass'], pair['depth']
+        load = pair['load'] / reduced_mass
+        spring, damping = support(load, depth, pair['scale'], h)
+        own = contacts[pair['first'] : pair['first'] + pair['count']]
+        total = 0.0
+        for contact in own:
+            pressure = contact['goal_depth'] / (depth if depth > 0.0 else 1.0)
+            # a damper at each contact also damps rocking
+            force = spring * pressure - damping * relative_speed(contact, pair, members, twists)
+            contact['load_impulse'] = max(force, 0.0) / (1.0 + damping * h)
+            total += contact['share'] * contact['load_impulse']
+        within = min(load / (total if total > 0.0 else 1.0), 1.0)
+        for contact in own:
+            contact['load_impulse'] *= h * reduced_mass * within * contact['share']
+            add_impulse(contact, pair, members, contact['load_impulse'], wrenches)
+    for number in range(len(members)):
+        member = members[number]
+        apply_mobility(member, wrenches[number], member['load_twist'])
+        for axis in range(6):
+            twists[number, axis] += member['load_twist'][axis]
 
 
-def between(values: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    """Return the geometric means of what two bodies have; NaN is of no account."""
-    one, two = values[one], values[two]
-    one, two = np.where(np.isnan(one), two, one), np.where(np.isnan(two), one, two)
-    return np.sqrt(one * two)
+@helper
+def add_impulse(contact, pair, members, impulse, wrenches):  # type: ignore[no-untyped-def]
+    """Add an impulse along the normal of a contact, N s, to the wrenches (C, 6) of its bodies."""
+    one, two = pair['one'], pair['two']
+    along_normal = scaled(contact['sign'] * impulse, vector_of(contact['normal']))
+    add_impulse_at(members, one, two, vector_of(contact['point']), along_normal, wrenches)
+
+
+@helper
+def add_impulse_at(members, one, two, point, impulse, wrenches):  # type: ignore[no-untyped-def]
+    """Add an impulse at a point between two members to wrenches (C, 6)."""
+    add_wrench(members[one], wrenches[one], 1.0, point, impulse)
+    add_wrench(members[two], wrenches[two], -1.0, point, impulse)
+
+
+@helper
+def find_loads(contacts, pairs, members, gravity):  # type: ignore[no-untyped-def]
+    """
+    Write the forces between the bodies of a pile due to their weight, N.
+
+    From top to bottom: the weight of each body and of those on top of it is distributed to the
+    bodies below it, in proportion to the cosine between normal and gravity.
+    """
+    magnitude = norm(vector_of(gravity))
+    if magnitude == 0.0:
+        return
+    down = scaled(1.0 / magnitude, vector_of(gravity))
+    upper, lower = np.empty(len(pairs), np.int64), np.empty(len(pairs), np.int64)
+    transmitted, height = np.zeros(len(pairs)), np.empty(len(pairs))
+    square, force = np.zeros(len(members)), np.zeros(len(members))
+    for number in range(len(members)):
+        member = members[number]
+        # the weight of pinned bodies is supported by the pins
+        if member['body'] >= 0 and not member['pinned']:
+            force[number] = magnitude * member['mass']
+    for number in range(len(pairs)):
+        pair, normal = pairs[number], ZERO
+        for contact in contacts[pair['first'] : pair['first'] + pair['count']]:
+            factor = contact['share'] * contact['sign']
+            normal = plus(normal, scaled(factor, vector_of(contact['normal'])))
+        length = norm(normal)
+        cosine = -dot(normal, down) / (length if length > 0.0 else 1.0)
+        one, two = pair['one'], pair['two']
+        upper[number], lower[number] = (one, two) if cosine > 0.0 else (two, one)
+        above, below = members[upper[number]], members[lower[number]]
+        height[number] = dot(vector_of(above['centre']), down)
+        if one != two and force[upper[number]] > 0.0 and not below['edge']:
+            transmitted[number] = abs(cosine)
+            square[upper[number]] += cosine * cosine
+    order = np.empty(len(pairs), np.int64)
+    sort_indices(height, order)
+    for place in range(len(order)):
+        pair, cosine = pairs[order[place]], transmitted[order[place]]
+        top, bottom = upper[order[place]], lower[order[place]]
+        pair['load'] = force[top] * cosine / max(square[top], LEAST_SUPPORT)
+        force[bottom] += pair['load'] * cosine

@@ -1,244 +1,353 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Particles and faces of bodies stopped where they touch, with friction, and moved out of each other.
+Solver of vertex-face contacts: normal impulses, friction, position correction.
 
-All places at once: each impulse acts on a particle, and back on the corners of a face.
+Jacobi iterations over all contacts: each impulse acts on a particle, and in reverse on the corners
+of a face. The mass of particles and rigid bodies is split among their contacts, so that
+simultaneous impulses do not overshoot (Tonge, Benevolenski, Voroshilov 2012, Mass splitting for
+jitter-free parallel rigid body simulation). Impulses on rigid bodies change their twists.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+import math
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from softbody_ros.core.contact.manifold import Meeting, between
-from softbody_ros.core.shape_matching import rigid_motion
-from softbody_ros.core.sums import BLOCK
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.contact_state import (
+    add_wrench,
+    apply_mobility,
+    difference,
+    velocity_at,
+)
+from softbody_ros.core.contact.manifold import geometric_mean
+from softbody_ros.core.contact.support import SLOW_TICKS, TINY
+from softbody_ros.core.geometry.vectors import (
+    Vector,
+    along,
+    dot,
+    minus,
+    norm,
+    plus,
+    put_vector,
+    scaled,
+    vector_of,
+)
 
-SOFT_ROUNDS, RIGID_ROUNDS, FRICTION_ROUNDS, PUSH_OUT_ROUNDS = 4, 16, 4, 4
-TINY = 1e-300
-LARGEST_MOVE = 0.2
-"""How far, in RMS radii, what is deep in each other is moved apart in a tick."""
+SOFT_ROUNDS, RIGID_ROUNDS, FRICTION_ROUNDS, CORRECTION_ROUNDS = 4, 16, 4, 4
+LARGEST_CORRECTION = 0.2
+"""Largest position correction in a tick, in RMS radii."""
 STICKING = 0.5
-"""Share of the way that full friction takes back in a tick; with all of it heaps begin to sway."""
+"""Share of sliding displacement that full friction undoes per tick; 1 makes piles sway."""
 
 
-@dataclass(frozen=True)
-class Pushes:
+@kernel
+def solve_contacts(
+    contacts: np.ndarray,
+    members: np.ndarray,
+    inverse_mass: np.ndarray,
+    start: np.ndarray,
+    shift: np.ndarray,
+    gravity: np.ndarray,
+    h: float,
+    x: np.ndarray,
+    v: np.ndarray,
+) -> None:
     """
-    What touching particles and faces get: impulses (k,) along the normals, (k, 3) of friction.
-
-    Those of friction are what the first body of a pair gets.
-    """
-
-    normal: np.ndarray
-    friction: np.ndarray
-
-
-def collide(meeting: Meeting, carried: np.ndarray, shift: np.ndarray, slow: float) -> Pushes:
-    """
-    Stop the approach of particles and faces and move them out of each other, in place.
+    Apply impulses, friction and position correction to particles and faces, in place.
 
     Parameters
     ----------
-    meeting : Meeting
-    carried : (k,) float
-        load that is carried besides, N s: friction may count on it
+    contacts : (k,) CONTACT
+        `impulse` and `friction` are written; the normal force for friction includes `load_impulse`
+    members : (C,) MEMBER
+    inverse_mass : (N,) float
+        1/kg; that of particles of rigid bodies is set to 0
+    start : (N, 3) float
+        positions at the tick before, m
     shift : (N, 3) float
-        by which the particles have been moved since they were found to touch, m
-    slow : float
-        speed up to which nothing bounces, m/s
+        displacement of the particles since contact detection, m
+    gravity : (3,) float
+        m/s²
+    h : float
+        s
+    x, v : (N, 3) float
+        m, m/s
 
     """
-    crowd, normal = meeting.crowd, meeting.touches.normal
-    grip = Grip(meeting)
-    before = grip.relative(crowd.v)
-    push = _pushes(meeting, grip, before, slow)
-    velocity = before + grip.reply(push[:, None] * normal)
-    sliding = along(normal, velocity)
-    rubbed = _rubbed(meeting, sliding, (push + carried) * grip.stiffness)[:, None]
-    friction = np.zeros_like(sliding)
-    if rubbed.any():
-        for _ in range(FRICTION_ROUNDS):
-            now = along(normal, velocity + grip.reply(friction))
-            friction += ((1.0 - rubbed) * sliding - now) / grip.stiffness_along[:, None]
-    moves = _moves(meeting, grip, shift, rubbed)
-    grip.give(crowd.v, push[:, None] * normal + friction)
-    grip.give(crowd.x, moves)
-    return Pushes(push, meeting.sign[:, None] * friction)
+    count = len(contacts)
+    diagonal, diagonal_bound = np.empty(count), np.empty(count)
+    rigid = find_delassus_diagonal(contacts, members, inverse_mass, diagonal, diagonal_bound)
+    impulse, change = np.zeros((count, 3)), np.zeros((count, 3))
+    field, wrenches = np.zeros((len(inverse_mass), 3)), np.zeros((len(members), 6))
+    before, target_sliding = np.empty((count, 3)), np.empty((count, 3))
+    normal_impulse, friction_share = np.zeros(count), np.empty(count)
+    for k in range(count):
+        put_vector(before[k], difference(contacts[k], v))
+    slow = SLOW_TICKS * h * norm(vector_of(gravity))
+    stop_approach(
+        contacts, members, inverse_mass, rigid, slow, diagonal, before, normal_impulse, impulse,
+        change, field, wrenches,
+    )  # fmt: skip
+
+    any_friction = False
+    for k in range(count):
+        contact = contacts[k]
+        normal, load_impulse = vector_of(contact['normal']), contact['load_impulse']
+        put_vector(before[k], plus(vector_of(before[k]), vector_of(change[k])))
+        sliding = tangential(normal, vector_of(before[k]))
+        contact['impulse'] = normal_impulse[k]
+        normal_speed = (normal_impulse[k] + load_impulse) * diagonal[k]
+        friction_share[k] = friction_share_of(members, contact, norm(sliding), normal_speed)
+        if friction_share[k] != 0.0:
+            any_friction = True
+        put_vector(target_sliding[k], scaled(1.0 - friction_share[k], sliding))
+        for axis in range(3):
+            impulse[k, axis] = change[k, axis] = 0.0
+    for _ in range(FRICTION_ROUNDS if any_friction else 0):
+        for k in range(count):
+            velocity = plus(vector_of(before[k]), vector_of(change[k]))
+            now = tangential(vector_of(contacts[k]['normal']), velocity)
+            missing = minus(vector_of(target_sliding[k]), now)
+            now = along(vector_of(impulse[k]), 1.0 / diagonal_bound[k], missing)
+            put_vector(impulse[k], now)
+        velocity_changes(contacts, members, inverse_mass, rigid, impulse, change, field, wrenches)
+    for k in range(count):
+        contact = contacts[k]
+        friction = vector_of(impulse[k])
+        put_vector(contact['friction'], friction)
+        put_vector(impulse[k], along(friction, normal_impulse[k], vector_of(contact['normal'])))
+    # positions and velocities are corrected independently
+    apply_impulses(contacts, members, inverse_mass, rigid, impulse, x, v, wrenches)
+    correct_positions(
+        contacts, members, inverse_mass, rigid, diagonal, diagonal_bound, friction_share, start,
+        shift, x, before, target_sliding, normal_impulse, impulse, change, field, wrenches,
+    )  # fmt: skip
+    apply_impulses(contacts, members, inverse_mass, rigid, impulse, x, x, wrenches)
 
 
-def along(normal: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (k, 3) without what they have along normals (k, 3)."""
-    return vectors - np.einsum('ij,ij->i', vectors, normal)[:, None] * normal
-
-
-def _pushes(meeting: Meeting, grip: Grip, velocity: np.ndarray, slow: float) -> np.ndarray:
-    """Return the impulses (k,) that stop all approach; of two rigid bodies, that reflect it."""
-    crowd, touches = meeting.crowd, meeting.touches
-    normal = touches.normal
-    speed = np.einsum('ij,ij->i', velocity, normal)
-    bounces = crowd.rigid[touches.body] & crowd.rigid[touches.other] & (speed < -slow)
-    elasticity = between(crowd.elasticity, touches.body, touches.other)
-    wanted = np.where(bounces, -elasticity * speed, 0.0)
-    push, change = np.zeros(len(touches)), np.zeros(len(touches))
-    for _ in range(RIGID_ROUNDS if grip.some_rigid else SOFT_ROUNDS):
-        push = np.maximum(push + (wanted - speed - change) / grip.stiffness, 0.0)
-        change = np.einsum('ij,ij->i', grip.reply(push[:, None] * normal), normal)
-    if bounces.any() and push @ (speed + 0.5 * change) > 0.0:
-        # rebounds at many places at once could give more than there was
-        push *= -2.0 * (push @ speed) / (push @ change)
-    return push
-
-
-def _rubbed(meeting: Meeting, sliding: np.ndarray, pressed: np.ndarray) -> np.ndarray:
+@helper
+def stop_approach(  # type: ignore[no-untyped-def]
+    contacts, members, inverse_mass, rigid, slow, diagonal, before, normal_impulse, impulse,
+    change, field, wrenches,
+):  # fmt: skip
     """
-    Return the share (k,) of the sliding (k, 3), m/s, that friction takes.
+    Write the normal impulses (k,) that stop approach, or reflect it between rigid bodies.
 
-    Coulomb's law counts as soon as one of the bodies has it; `pressed` (k,) is how fast they are
-    pressed together, m/s.
+    Also written are the impulse vectors, and their changes of the relative velocities, (k, 3).
     """
-    crowd, body, other = meeting.crowd, meeting.touches.body, meeting.touches.other
-    share = between(crowd.friction, body, other)
-    if not crowd.coulomb.any():
-        return share
-    coulomb = crowd.coulomb[body] | crowd.coulomb[other]
-    coefficient = between(np.where(crowd.coulomb, crowd.friction, np.nan), body, other)
-    speed = np.linalg.norm(sliding, axis=1)
-    bound = coefficient * pressed / np.where(speed > 0.0, speed, 1.0)
-    return np.where(coulomb, np.minimum(bound, 1.0), share)
+    count = len(contacts)
+    speed, target_speed = np.empty(count), np.zeros(count)
+    bounces = False
+    for k in range(count):
+        contact = contacts[k]
+        body, other = members[contact['body']], members[contact['other']]
+        speed[k] = dot(vector_of(before[k]), vector_of(contact['normal']))
+        if body['rigid'] and other['rigid'] and speed[k] < -slow:
+            bounces = True
+            target_speed[k] = -geometric_mean(body['elasticity'], other['elasticity']) * speed[k]
+    for _ in range(RIGID_ROUNDS if rigid else SOFT_ROUNDS):
+        for k in range(count):
+            normal = vector_of(contacts[k]['normal'])
+            missing = target_speed[k] - speed[k] - dot(vector_of(change[k]), normal)
+            normal_impulse[k] = max(normal_impulse[k] + missing / diagonal[k], 0.0)
+            put_vector(impulse[k], scaled(normal_impulse[k], normal))
+        velocity_changes(contacts, members, inverse_mass, rigid, impulse, change, field, wrenches)
+    if not bounces:
+        return
+    first = second = 0.0
+    for k in range(count):
+        first += normal_impulse[k] * speed[k]
+        second += normal_impulse[k] * dot(vector_of(change[k]), vector_of(contacts[k]['normal']))
+    if first + 0.5 * second > 0.0:
+        # simultaneous rebounds could add energy: scale them to conserve it
+        factor = -2.0 * first / second
+        for k in range(count):
+            normal_impulse[k] *= factor
+            put_vector(change[k], scaled(factor, vector_of(change[k])))
 
 
-def _moves(meeting: Meeting, grip: Grip, shift: np.ndarray, rubbed: np.ndarray) -> np.ndarray:
+@helper
+def friction_share_of(members, contact, sliding, normal_speed):  # type: ignore[no-untyped-def]
     """
-    Return what moves particles (k, 3) out of the faces, as if it were impulses.
+    Return the share of the sliding speed, m/s, that friction removes.
 
-    Friction takes back some of the way, too: what sticks hardly creeps.
+    Coulomb's law applies if one of the bodies has it; `normal_speed` is the normal impulse as a
+    speed, m/s.
     """
-    crowd, touches = meeting.crowd, meeting.touches
-    normal = touches.normal
-    farthest = LARGEST_MOVE * np.minimum(crowd.scale[touches.body], crowd.scale[touches.other])
-    sunk = touches.depth - np.einsum('ij,ij->i', grip.relative(shift), normal)
-    depth = np.minimum(sunk, farthest)
-    way = grip.relative(crowd.x - crowd.start)
-    kept = (1.0 - STICKING * rubbed) * along(normal, way)
-    out, back, moved = np.zeros(len(touches)), np.zeros_like(way), np.zeros_like(way)
-    for _ in range(PUSH_OUT_ROUNDS):
-        back += (kept - along(normal, way + moved)) / grip.stiffness_along[:, None]
-        left = depth - np.einsum('ij,ij->i', moved, normal)
-        out = np.maximum(out + left / grip.stiffness, 0.0)
-        moved = grip.reply(back + out[:, None] * normal)
-    return back + out[:, None] * normal
+    body, other = members[contact['body']], members[contact['other']]
+    if not (body['coulomb'] or other['coulomb']):
+        return geometric_mean(body['friction'], other['friction'])
+    coefficient = geometric_mean(
+        body['friction'] if body['coulomb'] else math.nan,
+        other['friction'] if other['coulomb'] else math.nan,
+    )
+    return min(coefficient * normal_speed / (sliding if sliding > 0.0 else 1.0), 1.0)
 
 
-class Grip:
+@helper
+def correct_positions(  # type: ignore[no-untyped-def]
+    contacts, members, inverse_mass, rigid, diagonal, diagonal_bound, friction_share, start, shift,
+    x, travel, target_sliding, normal_impulse, impulse, correction, field, wrenches,
+):  # fmt: skip
     """
-    What impulses at touching places do there: each acts on a particle, and back on a face.
+    Write the position correction as pseudo-impulses (k, 3).
 
-    Particles and bodies count as many times as they are touched: so all impulses can be found at
-    once without more than stopping anything (mass splitting: Tonge, Benevolenski, Voroshilov 2012,
-    Mass splitting for jitter-free parallel rigid body simulation). Rigid bodies move as wholes.
-
-    Attributes
-    ----------
-    some_rigid : bool
-        whether some of the bodies are rigid
-
+    Friction also undoes part of the tangential displacement, to reduce creep of sticking contacts.
     """
-
-    def __init__(self, meeting: Meeting) -> None:
-        crowd, touches, count = meeting.crowd, meeting.touches, len(meeting.touches)
-        self._crowd, self._touches = crowd, touches
-        columns = np.column_stack([touches.particle, touches.corners])
-        values = np.column_stack([np.ones(count), -touches.share])
-        self._particle, place = np.unique(columns, return_inverse=True)
-        shape = (count, len(self._particle))
-        ends = np.arange(0, 4 * count + 1, 4)
-        self._relative = csr_array((values.ravel(), place.ravel(), ends), shape=shape)
-        rigid = crowd.rigid[crowd.body[self._particle]]
-        self.some_rigid = bool(rigid.any())
-        lightness = np.where(rigid, 0.0, crowd.lightness[self._particle])
-        touched = np.bincount(place.ravel(), minlength=shape[1])
-        square = csr_array((values.ravel() ** 2, place.ravel(), ends), shape=shape)
-        self._soft_stiffness = square @ (lightness * touched)
-        self._spread = self._relative.T.tocsr()
-        self._spread.data *= np.repeat(lightness, np.diff(self._spread.indptr))
-        # few places: one small dense product is several times faster than two sparse ones
-        few = count**2 <= BLOCK
-        self._coupling = (self._relative @ self._spread).toarray() if few else None
-        if self.some_rigid:
-            self._prepare_rigid(meeting)
-
-    def _prepare_rigid(self, meeting: Meeting) -> None:
-        crowd, touches, count = meeting.crowd, meeting.touches, len(meeting.touches)
-        sides = (touches.body, touches.other)
-        self._mobility = crowd.mobility * crowd.rigid[:, None, None]
-        touched = np.bincount(np.concatenate(sides), minlength=len(crowd))
-        counted = self._mobility * touched[:, None, None]
-        self._counted_mobility = [counted[body] for body in sides]
-        self._arms = [meeting.point - crowd.centre[body] for body in sides]
-        # (3 k, 6 C): what twists do to relative velocities
-        blocks = [
-            sign * rigid_motion.jacobian(arms)
-            for sign, arms in zip((1.0, -1.0), self._arms, strict=True)
-        ]
-        rows = np.broadcast_to(np.arange(3 * count).reshape(-1, 3, 1), (count, 3, 6))
-        columns = [
-            np.broadcast_to(6 * body[:, None, None] + np.arange(6), (count, 3, 6))
-            for body in sides
-        ]
-        twists = csr_array(
-            (np.ravel(blocks), (np.ravel([rows, rows]), np.ravel(columns))),
-            shape=(3 * count, 6 * len(crowd)),
+    count = len(contacts)
+    depth, tangential_impulse = np.empty(count), np.zeros((count, 3))
+    for k in range(count):
+        contact = contacts[k]
+        normal = vector_of(contact['normal'])
+        scale = min(members[contact['body']]['scale'], members[contact['other']]['scale'])
+        remaining = contact['depth'] - dot(difference(contact, shift), normal)
+        depth[k] = min(remaining, LARGEST_CORRECTION * scale)
+        put_vector(travel[k], minus(difference(contact, x), difference(contact, start)))
+        sliding = tangential(normal, vector_of(travel[k]))
+        put_vector(target_sliding[k], scaled(1.0 - STICKING * friction_share[k], sliding))
+        normal_impulse[k] = 0.0
+        for axis in range(3):
+            correction[k, axis] = 0.0
+    for _ in range(CORRECTION_ROUNDS):
+        for k in range(count):
+            normal, displacement = vector_of(contacts[k]['normal']), vector_of(correction[k])
+            sliding = tangential(normal, plus(vector_of(travel[k]), displacement))
+            missing = minus(vector_of(target_sliding[k]), sliding)
+            tangent = along(vector_of(tangential_impulse[k]), 1.0 / diagonal_bound[k], missing)
+            put_vector(tangential_impulse[k], tangent)
+            remaining = depth[k] - dot(displacement, normal)
+            normal_impulse[k] = max(normal_impulse[k] + remaining / diagonal[k], 0.0)
+            put_vector(impulse[k], along(tangent, normal_impulse[k], normal))
+        velocity_changes(
+            contacts, members, inverse_mass, rigid, impulse, correction, field, wrenches
         )
-        self._twists = twists.toarray() if np.prod(twists.shape) <= BLOCK else twists
 
-    @cached_property
-    def stiffness(self) -> np.ndarray:
-        """(k,) float: what unit impulses along the normals do to relative speeds, 1/kg."""
-        if not self.some_rigid:
-            return self._soft_stiffness
-        total, normal = self._soft_stiffness.copy(), self._touches.normal
-        for mobility, arms in zip(self._counted_mobility, self._arms, strict=True):
-            row = np.hstack([normal, rigid_motion.cross(arms, normal)])
-            total += np.einsum('ij,ijk,ik->i', row, mobility, row)
-        return np.maximum(total, TINY)
 
-    @cached_property
-    def stiffness_along(self) -> np.ndarray:
-        """(k,) float: not less than what they do along any direction, 1/kg."""
-        if not self.some_rigid:
-            return self._soft_stiffness
-        total = self._soft_stiffness.copy()
-        for mobility, arms in zip(self._counted_mobility, self._arms, strict=True):
-            turning = np.einsum('ijj->i', mobility[:, 3:, 3:])
-            moving = np.einsum('ijj->i', mobility[:, :3, :3])
-            total += moving + turning * np.einsum('ij,ij->i', arms, arms)
-        return np.maximum(total, TINY)
+@helper
+def tangential(normal: Vector, a: Vector) -> Vector:
+    """Return the tangential component of a vector."""
+    return along(a, -dot(a, normal), normal)
 
-    def relative(self, field: np.ndarray) -> np.ndarray:
-        """Return what a field (N, 3) of the crowd has at particles more than at faces, (k, 3)."""
-        return self._relative @ field[self._particle]
 
-    def reply(self, impulse: np.ndarray) -> np.ndarray:
-        """Return what impulses (k, 3) do to the relative velocities, (k, 3)."""
-        if self._coupling is not None:
-            change = self._coupling @ impulse
-        else:
-            change = self._relative @ (self._spread @ impulse)
-        if self.some_rigid:
-            change += (self._twists @ self._rigid_twist(impulse).ravel()).reshape(-1, 3)
-        return change
+# ------------------------------------------------------------------------------ contact operator
+@helper
+def find_delassus_diagonal(contacts, members, inverse_mass, diagonal, diagonal_bound):  # type: ignore
+    """
+    Write the diagonal of the Delassus operator, from impulses to relative velocities, 1/kg.
 
-    def give(self, field: np.ndarray, impulse: np.ndarray) -> None:
-        """Change a field (N, 3) of the crowd by impulses (k, 3), in place."""
-        field[self._particle] += self._spread @ impulse
-        if self.some_rigid:
-            field += self._crowd.field(self._rigid_twist(impulse))
+    Along the normals (k,), and upper bounds for any direction (k,), with mass splitting. Return
+    whether any of the bodies is rigid.
+    """
+    rigid = False
+    touched = np.zeros(len(inverse_mass))
+    row, response = np.empty(6), np.empty(6)
+    for contact in contacts:
+        for corner in range(4):
+            particle = contact['particles'][corner]
+            touched[particle] += 1.0
+            if members[contact['body'] if corner == 0 else contact['other']]['rigid']:
+                rigid = True
+                inverse_mass[particle] = 0.0
+    for k in range(len(contacts)):
+        contact = contacts[k]
+        total = 0.0
+        for corner in range(4):
+            particle, coefficient = contact['particles'][corner], contact['coefficients'][corner]
+            total += coefficient * coefficient * (inverse_mass[particle] * touched[particle])
+        diagonal[k] = diagonal_bound[k] = total
+        if not rigid:
+            continue
+        point, normal = vector_of(contact['point']), vector_of(contact['normal'])
+        for side in range(2):
+            member = members[contact['body'] if side == 0 else contact['other']]
+            if not member['rigid']:
+                continue
+            for axis in range(6):
+                row[axis] = 0.0
+            add_wrench(member, row, 1.0, point, normal)
+            apply_mobility(member, row, response)
+            translation = rotation = 0.0
+            for axis in range(6):
+                diagonal[k] += member['contact_count'] * row[axis] * response[axis]
+            for axis in range(3):
+                translation += member['mobility'][axis, axis]
+                rotation += member['mobility'][3 + axis, 3 + axis]
+            arm = minus(point, vector_of(member['centre']))
+            diagonal_bound[k] += member['contact_count'] * (translation + rotation * dot(arm, arm))
+        diagonal[k], diagonal_bound[k] = max(diagonal[k], TINY), max(diagonal_bound[k], TINY)
+    return rigid
 
-    def _rigid_twist(self, impulse: np.ndarray) -> np.ndarray:
-        total = (self._twists.T @ impulse.ravel()).reshape(-1, 6)
-        return rigid_motion.applied(self._mobility, total)
+
+@helper
+def find_twists(contacts, members, impulse, twists):  # type: ignore[no-untyped-def]
+    """Write the twists (C, 6) of rigid bodies by impulses (k, 3) at contacts."""
+    wrench = np.empty(6)
+    for number in range(len(members)):
+        for axis in range(6):
+            twists[number, axis] = 0.0
+    for k in range(len(contacts)):
+        contact = contacts[k]
+        body, other = contact['body'], contact['other']
+        point, contact_impulse = vector_of(contact['point']), vector_of(impulse[k])
+        add_wrench(members[body], twists[body], 1.0, point, contact_impulse)
+        add_wrench(members[other], twists[other], -1.0, point, contact_impulse)
+    for number in range(len(members)):
+        for axis in range(6):
+            wrench[axis] = twists[number, axis] if members[number]['rigid'] else 0.0
+        apply_mobility(members[number], wrench, twists[number])
+
+
+@helper
+def add_to_particles(contacts, inverse_mass, impulse, field):  # type: ignore[no-untyped-def]
+    """Add the changes of a field (N, 3) of deformable bodies by impulses (k, 3) at contacts."""
+    for k in range(len(contacts)):
+        contact = contacts[k]
+        for corner in range(4):
+            particle = contact['particles'][corner]
+            factor = contact['coefficients'][corner] * inverse_mass[particle]
+            for axis in range(3):
+                field[particle, axis] += factor * impulse[k, axis]
+
+
+@helper
+def velocity_changes(contacts, members, inverse_mass, rigid, impulse, change, field, twists):  # type: ignore
+    """
+    Write the changes (k, 3) of relative velocities by impulses (k, 3): the Delassus operator.
+
+    `field` (N, 3) and `twists` (C, 6) are overwritten.
+    """
+    for contact in contacts:
+        for corner in range(4):
+            for axis in range(3):
+                field[contact['particles'][corner], axis] = 0.0
+    add_to_particles(contacts, inverse_mass, impulse, field)
+    if rigid:
+        find_twists(contacts, members, impulse, twists)
+    for k in range(len(contacts)):
+        contact = contacts[k]
+        velocity = difference(contact, field)
+        if rigid:
+            body, other = contact['body'], contact['other']
+            point = vector_of(contact['point'])
+            velocity = plus(velocity, velocity_at(members[body], twists[body], point))
+            velocity = minus(velocity, velocity_at(members[other], twists[other], point))
+        put_vector(change[k], velocity)
+
+
+@helper
+def apply_impulses(contacts, members, inverse_mass, rigid, impulse, x, field, twists):  # type: ignore
+    """Apply impulses (k, 3) at contacts to a field (N, 3) of particles at x, in place."""
+    add_to_particles(contacts, inverse_mass, impulse, field)
+    if not rigid:
+        return
+    find_twists(contacts, members, impulse, twists)
+    for number in range(len(members)):
+        member = members[number]
+        if not member['rigid']:
+            continue
+        for i in range(member['first'], member['first'] + member['count']):
+            translation = velocity_at(member, twists[number], vector_of(x[i]))
+            put_vector(field[i], plus(vector_of(field[i]), translation))

@@ -1,438 +1,539 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""
-Contact of rigid bodies with obstacles: the least impulses that keep them out, and friction.
-
-All bodies that touch are treated at once. Where one support keeps all of a body out, as under a
-ball, that takes a few operations on arrays. Only bodies that need several supports, or have
-Coulomb's friction, are looked at one after the other.
-
-As in `contact`, arrays (k, …) of contacts are views of arrays (…, k).
-"""
+"""Contact of rigid bodies with obstacles: least impulses for non-penetration, and friction."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 import math
 
 import numpy as np
-from scipy.optimize import nnls
-from scipy.spatial.transform import Rotation
 
-from softbody_ros.core.collision.obstacles import Obstacle
-from softbody_ros.core.columns import at, joined
-from softbody_ros.core.contact.soft_obstacle import Contacts, find, nearby
-from softbody_ros.core.particles import Particles
-from softbody_ros.core.shape_matching import rigid_motion
-from softbody_ros.core.shape_matching.rigid_motion import RigidMotion
-from softbody_ros.core.sums import mapped
-from softbody_ros.core.tick import Tick
+from softbody_ros.core.body import RIGID
+from softbody_ros.core.collision.obstacle_contacts import bounds_of, find_contacts, may_touch
+from softbody_ros.core.collision.shapes import PLANE
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.support import SLOW_TICKS, TINY
+from softbody_ros.core.geometry.bvh import Trees
+from softbody_ros.core.geometry.small_systems import eigen, least_vector, product_of_rows
+from softbody_ros.core.geometry.vectors import (
+    ZERO,
+    Matrix,
+    Vector,
+    along,
+    applied,
+    column_of,
+    cross,
+    dot,
+    matrix_of,
+    minus,
+    norm,
+    plus,
+    put_column,
+    put_vector,
+    scaled,
+    vector_of,
+)
+from softbody_ros.core.shape_matching.polar_decomposition import (
+    orthogonal_columns,
+    rotation_by_vector,
+)
 
-PUSH_OUT_ROUNDS = 3
-"""A body between several obstacles is moved out of each so many times."""
+CORRECTION_ROUNDS = 3
+"""Passes of position correction over all obstacles."""
 FRICTION_ROUNDS, FRICTION_SWEEPS = 4, 8
-MOST_SUPPORTS = 24
-"""Touching particles that the impulse on a rigid body takes into account, worst first."""
-MET = 1e-9
-"""Share of the largest speed that supports have to give up to which the others may lack some."""
+TOLERANCE = 1e-9
+"""Relative tolerance of the normal-velocity constraints."""
 SAME = 1e-13
-"""Relative change of what supports have to give that is rounding."""
-TINY = 1e-300
-DISTANCE = np.eye(7)[6]
-"""Right-hand side by which non-negative least squares solve for the least distance."""
+"""Relative change of the needed speeds that is rounding."""
+RANK = 1e-12
+"""Eigenvalue, relative to the largest, below which friction has no effect."""
+
+Twist = tuple[Vector, Vector]
+"""Velocity of the centre of mass, m/s, and angular velocity, rad/s; or a wrench, per mass."""
+STILL = (ZERO, ZERO)
 
 
-@dataclass(frozen=True)
-class Touch:
-    """
-    Where b rigid bodies touch obstacles: k contacts, one body after the other.
-
-    Twists are velocities of the centre and angular velocities; wrenches are impulses and turning
-    impulses about the centre, per mass.
-
-    Attributes
-    ----------
-    contacts : Contacts
-    bodies : (b,) int
-        which bodies touch
-    row : (k,) int
-        which of the b bodies each contact belongs to
-    first : (b,) int
-        where the contacts of each body begin
-    arms : (k, 3) float
-        from the centre of mass, m
-    normals : (k, 6) float
-        normal, and arm × normal, m: impulses along the normals times them are wrenches
-    inverse_inertia : (b, 3, 3) float
-        1/m²
-
-    """
-
-    contacts: Contacts
-    bodies: np.ndarray
-    row: np.ndarray
-    first: np.ndarray
-    arms: np.ndarray
-    normals: np.ndarray
-    inverse_inertia: np.ndarray
-
-    def sum(self, values: np.ndarray) -> np.ndarray:
-        """Return the sums (b, …) of values (k, …) over the contacts of each body."""
-        return np.add.reduceat(values.T, self.first, axis=-1).T
-
-    def largest(self, values: np.ndarray) -> np.ndarray:
-        """Return the largest (b,) of values (k,) at each body."""
-        return np.maximum.reduceat(values, self.first)
-
-    def worst(self, values: np.ndarray) -> np.ndarray:
-        """Return at which contact, (b,) int, the value (k,) is the largest of its body."""
-        return np.lexsort((-values, self.row))[self.first]
-
-    def of(self, index: int) -> slice:
-        """Return which contacts are those of one of the b bodies."""
-        return slice(self.first[index], self.last[index])
-
-    @cached_property
-    def last(self) -> np.ndarray:
-        """(b,) int: where the contacts of each body end."""
-        return np.append(self.first[1:], len(self.row))
-
-    @cached_property
-    def root(self) -> np.ndarray:
-        """(b, 3, 3) float: matrices that times their transposes are `inverse_inertia`, 1/m."""
-        values, vectors = np.linalg.eigh(self.inverse_inertia)
-        return vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
-
-    def wrench(self, impulse: np.ndarray) -> np.ndarray:
-        """Return the wrenches (b, 6) of impulses (k,) along the normals."""
-        return self.sum(impulse[:, None] * self.normals)
-
-    def change(self, wrench: np.ndarray) -> np.ndarray:
-        """Return by how much wrenches (b, 6) change the twists (b, 6)."""
-        turned = rigid_motion.applied(self.inverse_inertia, wrench[:, 3:])
-        return np.concatenate([wrench[:, :3], turned], axis=1)
-
-    def speed(self, twist: np.ndarray) -> np.ndarray:
-        """Return the speeds (k,) along the normals of bodies with twists (b, 6), m/s."""
-        return rigid_motion.dot(self.normals, at(twist, self.row))
-
-
-def meet(
-    particles: Particles, motion: RigidMotion, obstacles: Sequence[Obstacle], tick: Tick
+@kernel
+def resolve(
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    gravity: np.ndarray,
+    h: float,
+    contacts: np.ndarray,
+    scratch: np.ndarray,
 ) -> None:
     """
-    Let rigid bodies meet all obstacles at once, then move them out of each.
+    Resolve contacts of rigid bodies with all obstacles at once, then correct positions.
 
     Parameters
     ----------
-    particles : Particles
-        changed in place
-    motion : RigidMotion
-        of the rigid bodies before
-    obstacles : sequence of Obstacle
-    tick : Tick
+    bodies, awake, x, v, gravity, h
+        see `flight.predict_and_match`; the half of `x` and `v` being computed is changed
+    obstacles : (O,) OBSTACLE
+    trees : Trees
+        of the meshes of obstacles
+    contacts : (C,) CONTACT
+        scratch for the contacts of a body with all obstacles
+    scratch : (4, C) float
+        the same
 
     """
-    gains = tick.gains
-    if not obstacles or not gains.any_rigid:
-        return
-    found = [
-        contacts
-        for contacts in _touching(particles, obstacles, gains.thickness, gains.rigid)
-        if len(contacts)
-    ]
-    if not found:
-        return
-    touch = make_touch(particles.x, joined(found), motion)
-    collide(particles, touch, motion, tick)
-    _push_out(particles, touch.bodies, obstacles, gains.thickness)
+    for index in range(len(awake)):
+        body = bodies[awake[index]]
+        if body['mode'] != RIGID:
+            continue
+        start, x1, v1 = x[body['now']], x[1 - body['now']], v[1 - body['now']]
+        found = find_all(body, start, x1, obstacles, trees, contacts)
+        if found > 0:
+            collide(body, x1, v1, vector_of(gravity), h, contacts[:found], scratch)
+            correct_position(body, start, x1, obstacles, trees, contacts)
 
 
-def make_touch(x: np.ndarray, contacts: Contacts, motion: RigidMotion) -> Touch:
-    """Return where bodies at x (B, 3, n), m, touch obstacles, for contacts in any order."""
-    if (np.diff(contacts.body) < 0).any():
-        contacts = contacts.where(np.argsort(contacts.body, kind='stable'))
-    body = contacts.body
-    bodies = np.flatnonzero(np.bincount(body))
-    arms = (x[body, :, contacts.particle].T - at(motion.centre, body).T).T
-    return Touch(
-        contacts,
-        bodies,
-        row=np.searchsorted(bodies, body),
-        first=np.searchsorted(body, bodies),
-        arms=arms,
-        normals=rigid_motion.with_moment(contacts.normal, arms),
-        inverse_inertia=motion.inverse_inertia[bodies],
+@helper
+def find_all(
+    body: np.void,
+    start: np.ndarray,
+    x: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    contacts: np.ndarray,
+) -> int:
+    """Write the contacts of a body with all obstacles, and return their number."""
+    found = 0
+    for number in range(len(obstacles)):
+        if is_near(body, start, x, obstacles[number]):
+            found = find_contacts(
+                obstacles[number], trees, x, start, body['first'], body['count'],
+                body['thickness'], True, contacts, found,
+            )  # fmt: skip
+    return min(found, len(contacts))
+
+
+@helper
+def is_near(body: np.void, start: np.ndarray, x: np.ndarray, obstacle: np.void) -> bool:
+    """Return whether a body may touch an obstacle in this tick."""
+    if obstacle['kind'] == PLANE:
+        return True
+    low, high = bounds_of(x, body['first'], body['count'])
+    low_before, high_before = bounds_of(start, body['first'], body['count'])
+    return may_touch(obstacle, low, high, low_before, high_before, body['thickness'])
+
+
+@helper
+def collide(
+    body: np.void,
+    x: np.ndarray,
+    v: np.ndarray,
+    gravity: Vector,
+    h: float,
+    contacts: np.ndarray,
+    scratch: np.ndarray,
+) -> None:
+    """
+    Apply contact impulses and friction to a rigid body, in place.
+
+    They depend on each other, and are computed in alternation.
+    """
+    centre, inverse = vector_of(body['centre']), matrix_of(body['inverse_inertia'])
+    angular = applied(inverse, vector_of(body['angular_momentum']))
+    before = (vector_of(body['velocity']), angular)
+    acceleration = plus(gravity, vector_of(body['load']))
+    target, speed, needed, impulse = (
+        scratch[0],
+        scratch[1],
+        scratch[2],
+        scratch[3, : len(contacts)],
     )
-
-
-def collide(particles: Particles, touch: Touch, motion: RigidMotion, tick: Tick) -> None:
-    """Give rigid bodies the impulses that keep their touching particles out, in place."""
-    bodies = touch.bodies
-    centre = motion.centre[bodies]
-    before = np.concatenate([motion.velocity[bodies], motion.angular_velocity[bodies]], axis=1)
-    weight = tick.gravity + particles.pressed[bodies]
-    wrench, bounced = _wrench(touch, before, weight, tick)
-    particles.received[bodies] += wrench.reshape(-1, 2, 3)
-
-    change = touch.change(wrench)
-    after = before + change
-    # a load acts all through the tick, a bounce happens at the surface
-    moved = np.where(bounced[:, None], 0.0, 0.5 * tick.h * change)
-    turn = Rotation.from_rotvec(moved[:, 3:]).as_matrix()
-    rows = _rows(bodies, particles)
-    offsets = mapped(turn, particles.x[rows] - centre[..., None])
-    particles.x[rows] = offsets + (centre + moved[:, :3])[..., None]
-    turning = mapped(rigid_motion.cross_matrix(after[:, 3:]), offsets)
-    particles.v[rows] = turning + after[:, :3, None]
-
-
-# --------------------------------------------------------------------------------------- impulses
-def _wrench(
-    touch: Touch, before: np.ndarray, weight: np.ndarray, tick: Tick
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return what bodies get from the obstacles, (b, 6), and which of them have bounced, (b,) bool.
-
-    Parameters
-    ----------
-    touch : Touch
-    before : (b, 6) float
-        twists before
-    weight : (b, 3) float
-        what has accelerated the bodies in the tick, m/s²: gravity, and what lies on them
-    tick : Tick
-
-    """
-    wanted, speed = _rebound(touch, before, weight, tick)
-    pending, needed = np.ones(len(before), dtype=bool), wanted - speed
-    impulse, friction = np.zeros(len(needed)), np.zeros(before.shape)
-    # friction tips a body over its contacts and the contacts carry the friction: take turns
+    fastest = find_rebound(body, before, centre, acceleration, h, contacts, target, speed)
+    for k in range(len(contacts)):
+        needed[k] = target[k] - speed[k]
+    pressure, friction = STILL, STILL
     for _ in range(FRICTION_ROUNDS):
-        _support(touch, needed, pending, impulse)
-        pressure = touch.wrench(impulse)
-        _rub(touch, before + touch.change(pressure), impulse, pending, friction, tick)
-        last, needed = needed, wanted - speed - touch.speed(touch.change(friction))
-        changed = touch.largest(np.abs(needed - last)) > SAME * touch.largest(np.abs(last))
-        # friction that has lifted a body off its contacts must not drop it again
-        pending &= changed & (touch.largest(impulse) > 0.0)
-        if not pending.any():
+        find_supports(centre, inverse, contacts, needed[: len(contacts)], impulse)
+        pressure, largest = STILL, 0.0
+        for k in range(len(contacts)):
+            pressure = added(pressure, impulse[k], normal_wrench(contacts[k], centre))
+            largest = max(largest, impulse[k])
+        twist = added(before, 1.0, response(inverse, pressure))
+        friction = find_friction(body, twist, centre, inverse, contacts, impulse)
+        given, change, size = response(inverse, friction), 0.0, 0.0
+        for k in range(len(contacts)):
+            last = needed[k]
+            needed[k] = target[k] - speed[k] - speed_along(contacts[k], centre, given)
+            change, size = max(change, abs(needed[k] - last)), max(size, abs(last))
+        # if friction has lifted a body off its contacts, do not alternate without end
+        if not (change > SAME * size and largest > 0.0):
             break
-    return pressure + friction, touch.largest(wanted) > 0.0
+    wrench = added(pressure, 1.0, friction)
+    put_vector(body['received'][0], plus(vector_of(body['received'][0]), wrench[0]))
+    put_vector(body['received'][1], plus(vector_of(body['received'][1]), wrench[1]))
+    change_twist = response(inverse, wrench)
+    after = added(before, 1.0, change_twist)
+    # loads act throughout the tick, impacts at the surface
+    time = 0.0 if fastest > 0.0 else 0.5 * h
+    place_rigidly(body, x, v, centre, scaled(time, change_twist[0]),
+                  scaled(time, change_twist[1]), after)  # fmt: skip
 
 
-def _rebound(
-    touch: Touch, before: np.ndarray, weight: np.ndarray, tick: Tick
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the speeds out of the obstacle that contacts are to have, and have: (k,), m/s."""
-    contacts, row = touch.contacts, touch.row
-    speed = touch.speed(before) - rigid_motion.dot(contacts.normal, contacts.surface_velocity)
-    bounces = speed < -tick.slow(weight)[row]
-    if not bounces.any():
-        return np.zeros(len(speed)), speed
-    # what gravity has added since the deepest particle touched must not bounce
-    fallen = touch.largest(
-        -2.0 * rigid_motion.dot(contacts.normal, at(weight, row)) * contacts.depth
-    )
-    impact = np.sqrt(np.maximum(speed**2 - fallen[row], 0.0))
-    return np.where(bounces, tick.gains.elasticity[contacts.body] * impact, 0.0), speed
+@helper
+def place_rigidly(
+    body: np.void,
+    x: np.ndarray,
+    v: np.ndarray,
+    centre: Vector,
+    shift: Vector,
+    angle: Vector,
+    twist: Twist,
+) -> None:
+    """Move a body by a translation, m, and a rotation vector, and set its twist."""
+    rotation, to = rotation_by_vector(angle), plus(centre, shift)
+    for i in range(body['first'], body['first'] + body['count']):
+        arm = applied(rotation, minus(column_of(x, i), centre))
+        put_column(x, i, plus(to, arm))
+        put_column(v, i, plus(twist[0], cross(twist[1], arm)))
 
 
-def _support(touch: Touch, needed: np.ndarray, pending: np.ndarray, impulse: np.ndarray) -> None:
+# ----------------------------------------------------------------------------- twists and wrenches
+@helper
+def added(a: Twist, factor: float, b: Twist) -> Twist:
+    """Return a + factor · b."""
+    return along(a[0], factor, b[0]), along(a[1], factor, b[1])
+
+
+@helper
+def response(inverse: Matrix, wrench: Twist) -> Twist:
+    """Return the change of twist by an impulsive wrench, per mass."""
+    return wrench[0], applied(inverse, wrench[1])
+
+
+@helper
+def normal_wrench(contact: np.void, centre: Vector) -> Twist:
+    """Return the wrench of a unit impulse along the normal of a contact."""
+    normal = vector_of(contact['normal'])
+    return normal, cross(minus(vector_of(contact['point']), centre), normal)
+
+
+@helper
+def speed_along(contact: np.void, centre: Vector, twist: Twist) -> float:
+    """Return the normal speed at a contact for a twist, m/s."""
+    wrench = normal_wrench(contact, centre)
+    return dot(wrench[0], twist[0]) + dot(wrench[1], twist[1])
+
+
+# ---------------------------------------------------------------------------------------- supports
+@helper
+def find_rebound(
+    body: np.void,
+    before: Twist,
+    centre: Vector,
+    acceleration: Vector,
+    h: float,
+    contacts: np.ndarray,
+    target: np.ndarray,
+    speed: np.ndarray,
+) -> float:
     """
-    Set the smallest impulses λ ≥ 0 (k,) that change the speeds by what is `needed` (k,), in place.
+    Write target and present normal speeds of contacts, m/s.
 
-    Smallest in kinetic energy; only of the bodies that are pending, (b,) bool.
-    """
-    # one support, the one that needs most, is often enough for the others
-    worst = touch.worst(needed)
-    largest = np.maximum(needed[worst], 0.0)
-    push = touch.normals[worst]
-    change = touch.change(push)
-    single = largest / rigid_motion.dot(push, change)
-    missing = needed - touch.speed(single[:, None] * change)
-    enough = touch.largest(missing) <= MET * largest
-    impulse[pending[touch.row]] = 0.0
-    impulse[worst[pending]] = single[pending]
-    for index in np.flatnonzero(pending & ~enough & (largest > 0.0)).tolist():
-        own = touch.of(index)
-        normal, lever = touch.normals[own].T[:3], touch.normals[own].T[3:]
-        scaled = np.concatenate([normal, mapped(touch.root[index].T, lever)]).T
-        impulse[own] = _least_impulses(scaled, needed[own] / largest[index]) * largest[index]
-
-
-def _least_impulses(scaled: np.ndarray, needed: np.ndarray) -> np.ndarray:
-    """
-    Return the impulses λ ≥ 0 (k,) of least |scaledᵀ λ| with scaled · scaledᵀ λ ≥ `needed`.
-
-    Least distance programming, solved as non-negative least squares (Lawson and Hanson, Solving
-    Least Squares Problems, chapter 23). Constraints enter one at a time, the most violated first.
-
-    Parameters
-    ----------
-    scaled : (k, 6) float
-        normals, in coordinates in which the kinetic energy of a motion is half its square
-    needed : (k,) float
-        changes of the speeds along them, of which the largest is 1
+    Returns
+    -------
+    float
+        the largest target speed
 
     """
-    active = [int(needed.argmax())]
-    impulses = 1.0 / rigid_motion.dot(scaled[active], scaled[active])
-    system = np.vstack([scaled.T, needed])
-    while len(active) < MOST_SUPPORTS:
-        # no product of long arrays: BLAS might share it out among threads
-        missing = needed - rigid_motion.dot(scaled, impulses @ scaled[active])
-        worst = int(missing.argmax())
-        if missing[worst] < MET or worst in active:
-            break
-        following = [*active, worst]
-        try:
-            solution = nnls(system[:, following], DISTANCE)[0]
-        except RuntimeError:  # it does not converge where supports nearly repeat each other
-            break
-        slack = 1.0 - needed[following] @ solution
-        if slack < 1e-12:  # no motion satisfies all: the body is wedged
-            break
-        active, impulses = following, solution / slack
-    result = np.zeros(len(needed))
-    result[active] = impulses
-    return result
+    slow, gained, bounces = SLOW_TICKS * h * norm(acceleration), -math.inf, False
+    for k in range(len(contacts)):
+        contact = contacts[k]
+        normal = vector_of(contact['normal'])
+        speed[k] = speed_along(contact, centre, before)
+        speed[k] -= dot(normal, vector_of(contact['surface_velocity']))
+        bounces = bounces or speed[k] < -slow
+        gained = max(gained, -2.0 * dot(normal, acceleration) * contact['depth'])
+    fastest = 0.0
+    for k in range(len(contacts)):
+        target[k] = 0.0
+        if bounces and speed[k] < -slow:
+            # without the speed gained by gravity since first contact
+            impact = math.sqrt(max(speed[k] * speed[k] - gained, 0.0))
+            target[k] = body['elasticity'] * impact
+            fastest = max(fastest, target[k])
+    return fastest
 
 
-# --------------------------------------------------------------------------------------- friction
-def _rub(
-    touch: Touch,
-    twist: np.ndarray,
-    impulse: np.ndarray,
-    pending: np.ndarray,
-    friction: np.ndarray,
-    tick: Tick,
+@helper
+def find_supports(
+    centre: Vector, inverse: Matrix, contacts: np.ndarray, needed: np.ndarray, impulse: np.ndarray
 ) -> None:
     """
-    Set the friction, (b, 6) wrenches, that goes with impulses (k,) along the normals, in place.
-
-    Only of the bodies that are pending, (b,) bool; their twists (b, 6) are those it acts on.
-    """
-    coulomb = tick.gains.coulomb[touch.bodies]
-    if not coulomb.all():
-        viscous = pending & ~coulomb
-        friction[viscous] = _viscous(touch, twist, impulse, tick)[viscous]
-    for index in np.flatnonzero(pending & coulomb).tolist():
-        own = touch.of(index)
-        pushed = own.start + np.flatnonzero(impulse[own])
-        friction[index] = _coulomb(touch, index, pushed, twist[index], impulse[pushed], tick)
-
-
-def _viscous(touch: Touch, twist: np.ndarray, impulse: np.ndarray, tick: Tick) -> np.ndarray:
-    """Return the wrenches (b, 6) that take a share of the sliding at the centres of pressure."""
-    contacts = touch.contacts
-    share = impulse / np.maximum(touch.sum(impulse), TINY)[touch.row]
-    everything = np.concatenate([contacts.normal.T, touch.arms.T, contacts.surface_velocity.T]).T
-    normal, arm, surface = touch.sum(share[:, None] * everything).reshape(-1, 3, 3).swapaxes(0, 1)
-    velocity = twist[:, :3] + rigid_motion.cross(twist[:, 3:], arm) - surface
-    velocity -= rigid_motion.dot(velocity, normal)[:, None] * normal
-    speed = np.sqrt(rigid_motion.dot(velocity, velocity))
-    along = rigid_motion.with_moment(velocity / np.maximum(speed, TINY)[:, None], arm)
-    mobility = np.maximum(rigid_motion.dot(along, touch.change(along)), TINY)
-    taken = tick.gains.friction[touch.bodies] * speed / mobility
-    # without pressure nothing rubs
-    return np.where(touch.sum(impulse) > 0.0, -taken, 0.0)[:, None] * along
-
-
-def _coulomb(
-    touch: Touch,
-    index: int,
-    pushed: np.ndarray,
-    twist: np.ndarray,
-    impulse: np.ndarray,
-    tick: Tick,
-) -> np.ndarray:
-    """Return the wrench (6,) on one body, with twist (6,), of impulses ≤ μ λ at each contact."""
-    if not len(pushed):
-        return np.zeros(6)
-    planes = np.linalg.svd(touch.contacts.normal[pushed, None])[2][:, 1:]
-    rows = (planes @ rigid_motion.jacobian(touch.arms[pushed])).reshape(-1, 6)
-    surface = rigid_motion.applied(planes, touch.contacts.surface_velocity[pushed]).ravel()
-    mobile = np.hstack([rows[:, :3], rows[:, 3:] @ touch.inverse_inertia[index]])
-    response, sliding = rows @ mobile.T, surface - rows @ twist
-    bound = tick.gains.friction[touch.bodies[index]] * impulse
-    # does it stick?
-    holding = np.linalg.lstsq(response, sliding, rcond=None)[0].reshape(-1, 2)
-    if not (np.linalg.norm(holding, axis=1) <= bound).all():
-        holding = _sliding(response, sliding, bound)
-    return holding.ravel() @ rows
-
-
-def _sliding(response: np.ndarray, sliding: np.ndarray, bound: np.ndarray) -> np.ndarray:
-    """
-    Return impulses (p, 2) of at most `bound` (p,) that slow p contacts down.
-
-    Projected Gauss-Seidel, contact by contact.
+    Write the impulses λ ≥ 0 of least kinetic energy that add at least the needed speeds.
 
     Parameters
     ----------
-    response : (2 p, 2 p) float
-        what impulses change of the velocities
-    sliding : (2 p,) float
-        what is missing of them, m/s
-    bound : (p,) float
+    centre : vector
+        m
+    inverse : matrix
+        of the inertia, 1/m²
+    contacts : (k,) CONTACT
+    needed : (k,) float
         m/s
+    impulse : (k,) float
+        per mass, along the normals, m/s
 
     """
-    sliding, given = sliding.copy(), np.zeros((len(bound), 2))
-    own = [slice(2 * index, 2 * index + 2) for index in range(len(bound))]
-    softest = np.linalg.eigvalsh(np.stack([response[part, part] for part in own]))[:, -1]
+    worst = 0
+    for k in range(len(contacts)):
+        impulse[k] = 0.0
+        if needed[k] > needed[worst]:
+            worst = k
+    largest = needed[worst]
+    if not largest > 0.0:
+        return
+    # often the constraint with the largest needed speed satisfies all others
+    unit_wrench = normal_wrench(contacts[worst], centre)
+    change = response(inverse, unit_wrench)
+    single = largest / (dot(unit_wrench[0], change[0]) + dot(unit_wrench[1], change[1]))
+    enough = True
+    for k in range(len(contacts)):
+        missing = needed[k] - single * speed_along(contacts[k], centre, change)
+        enough = enough and missing <= TOLERANCE * largest
+    if enough:
+        impulse[worst] = single
+        return
+    # in coordinates in which kinetic energy is half the squared norm
+    columns, axes = orthogonal_columns(inverse)
+    rows, scaled_needed = np.empty((len(contacts), 6)), np.empty(len(contacts))
+    for k in range(len(contacts)):
+        wrench = normal_wrench(contacts[k], centre)
+        scaled_needed[k] = needed[k] / largest
+        for axis in range(3):
+            rows[k, axis] = wrench[0][axis]
+            root = math.sqrt(norm(columns[axis]))
+            rows[k, 3 + axis] = root * dot(axes[axis], wrench[1])
+    least_vector(rows, scaled_needed, TOLERANCE, impulse)
+    for k in range(len(contacts)):
+        impulse[k] *= largest
+
+
+# ---------------------------------------------------------------------------------------- friction
+@helper
+def find_friction(
+    body: np.void,
+    twist: Twist,
+    centre: Vector,
+    inverse: Matrix,
+    contacts: np.ndarray,
+    impulse: np.ndarray,
+) -> Twist:
+    """Return the wrench of friction, per mass, for given normal impulses."""
+    loaded, total = 0, 0.0
+    for k in range(len(contacts)):
+        total += impulse[k]
+        loaded += impulse[k] > 0.0
+    if loaded == 0:
+        return STILL
+    if body['coulomb']:
+        return coulomb(body['friction'], twist, centre, inverse, contacts, impulse, loaded)
+    return viscous(body['friction'], twist, centre, inverse, contacts, impulse, total)
+
+
+@helper
+def viscous(
+    friction: float,
+    twist: Twist,
+    centre: Vector,
+    inverse: Matrix,
+    contacts: np.ndarray,
+    impulse: np.ndarray,
+    total: float,
+) -> Twist:
+    """Return the wrench that removes a share of the sliding at the centre of pressure."""
+    normal, arm, surface = ZERO, ZERO, ZERO
+    for k in range(len(contacts)):
+        share, contact = impulse[k] / total, contacts[k]
+        normal = along(normal, share, vector_of(contact['normal']))
+        arm = along(arm, share, minus(vector_of(contact['point']), centre))
+        surface = along(surface, share, vector_of(contact['surface_velocity']))
+    velocity = minus(plus(twist[0], cross(twist[1], arm)), surface)
+    velocity = along(velocity, -dot(velocity, normal), normal)
+    speed = norm(velocity)
+    direction = scaled(1.0 / max(speed, TINY), velocity)
+    wrench = (direction, cross(arm, direction))
+    change = response(inverse, wrench)
+    mobility = max(dot(wrench[0], change[0]) + dot(wrench[1], change[1]), TINY)
+    return added(STILL, -friction * speed / mobility, wrench)
+
+
+@helper
+def coulomb(
+    friction: float,
+    twist: Twist,
+    centre: Vector,
+    inverse: Matrix,
+    contacts: np.ndarray,
+    impulse: np.ndarray,
+    loaded: int,
+) -> Twist:
+    """Return the wrench of Coulomb friction: impulses of at most μ λ at each contact."""
+    # wrenches of unit impulses along two tangents per contact, as rows; their changes of the twist
+    rows, mobile, sliding = (
+        np.empty((2 * loaded, 6)),
+        np.empty((2 * loaded, 6)),
+        np.empty(2 * loaded),
+    )
+    bound, given, total = np.empty(loaded), np.zeros(2 * loaded), np.zeros(6)
+    p = 0
+    for k in range(len(contacts)):
+        if not impulse[k] > 0.0:
+            continue
+        contact, bound[p] = contacts[k], friction * impulse[k]
+        arm, one, two = minus(vector_of(contact['point']), centre), ZERO, ZERO
+        one, two = tangents(vector_of(contact['normal']))
+        put_tangent(rows, mobile, sliding, 2 * p, one, arm, inverse, contact, twist)
+        put_tangent(rows, mobile, sliding, 2 * p + 1, two, arm, inverse, contact, twist)
+        p += 1
+    stop_sliding(rows, inverse, sliding, given)
+    sticks = True
+    for k in range(loaded):
+        size = math.sqrt(given[2 * k] * given[2 * k] + given[2 * k + 1] * given[2 * k + 1])
+        sticks = sticks and size <= bound[k]
+    if not sticks:
+        slide(rows, mobile, sliding, bound, given)
+    for k in range(2 * loaded):
+        for axis in range(6):
+            total[axis] += given[k] * rows[k, axis]
+    return (total[0], total[1], total[2]), (total[3], total[4], total[5])
+
+
+@helper
+def tangents(normal: Vector) -> tuple[Vector, Vector]:
+    """Return two tangents, orthonormal with a normal."""
+    axis = (1.0, 0.0, 0.0) if abs(normal[0]) < 0.6 else (0.0, 1.0, 0.0)
+    one = cross(normal, axis)
+    one = scaled(1.0 / norm(one), one)
+    return one, cross(normal, one)
+
+
+@helper
+def put_tangent(
+    rows: np.ndarray,
+    mobile: np.ndarray,
+    sliding: np.ndarray,
+    row: int,
+    tangent: Vector,
+    arm: Vector,
+    inverse: Matrix,
+    contact: np.void,
+    twist: Twist,
+) -> None:
+    """Write one row of friction, and minus the sliding speed along it, m/s."""
+    moment = cross(arm, tangent)
+    angular = applied(inverse, moment)
+    for axis in range(3):
+        rows[row, axis], rows[row, 3 + axis] = tangent[axis], moment[axis]
+        mobile[row, axis], mobile[row, 3 + axis] = tangent[axis], angular[axis]
+    sliding[row] = dot(tangent, vector_of(contact['surface_velocity']))
+    sliding[row] -= dot(tangent, twist[0]) + dot(moment, twist[1])
+
+
+@helper
+def stop_sliding(
+    rows: np.ndarray, inverse: Matrix, sliding: np.ndarray, given: np.ndarray
+) -> None:
+    """
+    Write the least-squares impulses that stop sliding, of minimal norm.
+
+    With B = rows · root of the mobility, the Delassus operator is B Bᵀ; its pseudo-inverse is
+    B (BᵀB)⁻² Bᵀ, with 6 unknowns whatever the number of contacts.
+    """
+    columns, axes = orthogonal_columns(inverse)
+    b = np.empty((len(rows), 6))
+    for k in range(len(rows)):
+        moment = (rows[k, 3], rows[k, 4], rows[k, 5])
+        for axis in range(3):
+            b[k, axis] = rows[k, axis]
+            b[k, 3 + axis] = math.sqrt(norm(columns[axis])) * dot(axes[axis], moment)
+    gram, vectors, target = np.zeros((6, 6)), np.empty((6, 6)), np.zeros((1, 6))
+    for k in range(len(rows)):
+        for i in range(6):
+            target[0, i] += b[k, i] * sliding[k]
+            for j in range(6):
+                gram[i, j] += b[k, i] * b[k, j]
+    eigen(gram, vectors)
+    largest = 0.0
+    for i in range(6):
+        largest = max(largest, gram[i, i])
+    result = np.zeros((1, 6))
+    for i in range(6):
+        if gram[i, i] > RANK * largest:
+            amount = product_of_rows(vectors, i, target, 0) / (gram[i, i] * gram[i, i])
+            for axis in range(6):
+                result[0, axis] += amount * vectors[i, axis]
+    for k in range(len(rows)):
+        given[k] = product_of_rows(b, k, result, 0)
+
+
+@helper
+def slide(
+    rows: np.ndarray, mobile: np.ndarray, sliding: np.ndarray, bound: np.ndarray, given: np.ndarray
+) -> None:
+    """
+    Write friction impulses (2 p,) of at most `bound` (p,), m/s, at p contacts.
+
+    Projected Gauss–Seidel, contact by contact.
+    """
+    for k in range(len(given)):
+        given[k] = 0.0
+    change = np.zeros((1, 6))
     for _ in range(FRICTION_SWEEPS):
-        for index, part in enumerate(own):
-            total = given[index] + sliding[part] / softest[index]
-            size = math.hypot(*total)
-            if size > bound[index]:
-                total *= bound[index] / size
-            sliding -= response[:, part] @ (total - given[index])
-            given[index] = total
-    return given
+        for k in range(len(bound)):
+            i, j = 2 * k, 2 * k + 1
+            a, b = product_of_rows(rows, i, mobile, i), product_of_rows(rows, j, mobile, j)
+            c = product_of_rows(rows, i, mobile, j)
+            softest = 0.5 * (a + b) + math.sqrt(0.25 * (a - b) * (a - b) + c * c)
+            one = given[i] + (sliding[i] - product_of_rows(rows, i, change, 0)) / softest
+            two = given[j] + (sliding[j] - product_of_rows(rows, j, change, 0)) / softest
+            size = math.sqrt(one * one + two * two)
+            if size > bound[k]:
+                one, two = one * bound[k] / size, two * bound[k] / size
+            for axis in range(6):
+                change[0, axis] += (one - given[i]) * mobile[i, axis]
+                change[0, axis] += (two - given[j]) * mobile[j, axis]
+            given[i], given[j] = one, two
 
 
 # --------------------------------------------------------------------------------------- positions
-def _touching(
-    particles: Particles,
-    obstacles: Sequence[Obstacle],
-    thickness: np.ndarray,
-    rigid: np.ndarray,
-) -> Iterator[Contacts]:
-    """Yield the contacts of rigid bodies, (B,) bool, with one obstacle after the other."""
-    for obstacle, near in zip(obstacles, nearby(particles, obstacles, thickness), strict=True):
-        yield find(particles.x, obstacle, thickness, particles.start, near[rigid[near]])
-
-
-def _push_out(
-    particles: Particles, bodies: np.ndarray, obstacles: Sequence[Obstacle], thickness: np.ndarray
+@helper
+def correct_position(
+    body: np.void,
+    start: np.ndarray,
+    x: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    contacts: np.ndarray,
 ) -> None:
-    """Move bodies that have touched, (b,) int, out of the obstacles, in place."""
-    rows = _rows(bodies, particles)
-    particles.write()
-    part = Particles(particles.room[rows], particles.start[rows])
-    for _ in range(PUSH_OUT_ROUNDS):
+    """Move a body out of each obstacle by the depth of its deepest contact, in place."""
+    first, count = body['first'], body['count']
+    for _ in range(CORRECTION_ROUNDS):
         touched = False
-        for contacts in _touching(part, obstacles, thickness[rows], np.ones(len(bodies), bool)):
-            if len(contacts):
-                _move_out(part.x, contacts)
-                touched = True
+        for number in range(len(obstacles)):
+            if not is_near(body, start, x, obstacles[number]):
+                continue
+            found = find_contacts(
+                obstacles[number], trees, x, start, first, count, body['thickness'], True,
+                contacts, 0,
+            )  # fmt: skip
+            if found == 0:
+                continue
+            touched, deepest = True, 0
+            for k in range(found):
+                if contacts[k]['depth'] > contacts[deepest]['depth']:
+                    deepest = k
+            shift = scaled(contacts[deepest]['depth'], vector_of(contacts[deepest]['normal']))
+            for i in range(first, first + count):
+                put_column(x, i, plus(column_of(x, i), shift))
         if not touched:
             break
-    particles.x[rows] = part.x
-
-
-def _move_out(x: np.ndarray, contacts: Contacts) -> None:
-    """Move bodies by their deepest particle's depth, in place."""
-    deepest_first = np.lexsort((-contacts.depth, contacts.body))
-    deepest = deepest_first[np.flatnonzero(np.diff(contacts.body, prepend=-1))]
-    way = contacts.depth[deepest, None] * contacts.normal[deepest]
-    x[contacts.body[deepest]] += way[..., None]
-
-
-def _rows(bodies: np.ndarray, particles: Particles) -> np.ndarray | slice:
-    """Return an index of bodies (b,) that makes no copy where they are all."""
-    return bodies if len(bodies) < len(particles.x) else slice(None)

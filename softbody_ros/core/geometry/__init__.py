@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces, boxes around them and distances to them."""
+"""Meshes, signed distances, bounding boxes, and linear algebra for kernels."""

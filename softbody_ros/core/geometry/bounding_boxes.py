@@ -1,130 +1,177 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Axis-aligned boxes: which overlap, and which points are in them (the broad phase)."""
+"""Axis-aligned bounding boxes, and pairs that overlap by sweep and prune."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from softbody_ros.core.columns import ranges
+from softbody_ros.core.compiled import helper, kernel
 
-FEW = 64
-"""Boxes up to which it is faster to compare each with each than to sort them."""
-
-
-@dataclass(frozen=True)
-class Boxes:
-    """
-    Axis-aligned boxes around the pieces of bodies.
-
-    Attributes
-    ----------
-    low, high : (N, 3) float
-        m
-    body, piece : (N,) int
-        numbers of the body among all, and of the piece in it
-
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    body: np.ndarray
-    piece: np.ndarray
-
-
-def bounds(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return the least and the largest values (…) in rows of numbers (…, n).
-
-    Row by row in one list: `min` along an axis begins anew with each row, which takes longer than
-    the numbers of a short row do.
-    """
-    first = np.arange(0, x.size, x.shape[-1])
-    numbers = x.reshape(-1)
-    low, high = np.minimum.reduceat(numbers, first), np.maximum.reduceat(numbers, first)
-    return low.reshape(x.shape[:-1]), high.reshape(x.shape[:-1])
+LANES = 4
+"""Independent minima and maxima of a row: a single one is bound by the latency of comparisons."""
 
 
 def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the pairs of boxes that overlap: (p,) int and (p,) int, the first before the second.
 
-    In order: by the first, then by the second.
-    """
-    rows = np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)
-    return _compared(*rows) if len(low) <= FEW else _swept(*rows)
-
-
-def _compared(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compare each box with each; corners (3, N)."""
-    below = low[:, :, None] < high[:, None]
-    meet = below[0] & below[1] & below[2]
-    meet &= meet.T
-    first, second = np.divmod(np.flatnonzero(meet), len(meet))
-    once = first < second
-    return first[once], second[once]
-
-
-def _swept(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sort and sweep along the axis in which the boxes, corners (3, N), are spread the most."""
-    centre = low + high
-    axis = int(np.argmax(centre.max(axis=1) - centre.min(axis=1)))
-    order = np.argsort(low[axis], kind='stable')
-    begin, end = low[axis, order], high[axis, order]
-    behind = np.arange(len(order)) + 1
-    count = np.maximum(np.searchsorted(begin, end) - behind, 0)
-    first, second = order[np.repeat(behind - 1, count)], order[ranges(behind, count)]
-    for other in {0, 1, 2} - {axis}:
-        begin, end = low[other], high[other]
-        meet = (begin[first] < end[second]) & (begin[second] < end[first])
-        first, second = first[meet], second[meet]
-    first, second = np.minimum(first, second), np.maximum(first, second)
-    sorted_pairs = np.lexsort((second, first))
-    return first[sorted_pairs], second[sorted_pairs]
-
-
-def distances(low: np.ndarray, high: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Return how far points (…, 3) are outside of boxes with corners (…, 3), (…), m."""
-    gap = np.maximum(low - point, point - high)
-    return np.linalg.norm(np.maximum(gap, 0.0), axis=-1)
-
-
-def inside_boxes(
-    x: np.ndarray,
-    start: np.ndarray,
-    count: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    axis: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return which points of ranges of a list are in which boxes.
+    In order: by the first, then by the second. Boxes that only touch do not overlap.
 
     Parameters
     ----------
-    x : (N, 3) float
-    start, count : (D,) int
-        ranges
-    low, high : (D, 3) float
-        a box for each
-    axis : (D,) int
-        along which it is expected to leave out the most points: that makes it fast
-
-    Returns
-    -------
-    range : (k,) int
-    point : (k,) int
+    low, high : (N, 3) float
+        corners, m
 
     """
-    number = np.arange(len(count))
-    values = x.ravel()[np.repeat(axis, count) + 3 * ranges(start, count)]
-    kept = values > np.repeat(low[number, axis], count)
-    kept &= values < np.repeat(high[number, axis], count)
-    kept = np.flatnonzero(kept)
-    owner = np.repeat(number, count)[kept]
-    begin = np.cumsum(count) - count
-    point = kept + (start - begin)[owner]
-    inside = ((x[point] > low[owner]) & (x[point] < high[owner])).all(axis=1)
-    return owner[inside], point[inside]
+    codes = overlapping_codes(low, high)
+    return codes // len(low), codes % len(low) if len(low) else codes
+
+
+def overlapping_codes(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the pairs of `overlapping` as increasing codes: N times the first plus the second."""
+    codes = np.empty(4 * len(low), dtype=np.int64)
+    count = sweep(low, high, codes)
+    if count > len(codes):
+        codes = np.empty(count, dtype=np.int64)
+        sweep(low, high, codes)
+    codes = codes[:count]
+    codes.sort()
+    return codes
+
+
+@kernel
+def sweep(low: np.ndarray, high: np.ndarray, codes: np.ndarray) -> int:
+    """
+    Write the codes of pairs that overlap; return their number, even beyond the capacity.
+
+    The boxes are sorted along the axis of their largest spread; each is then compared with those
+    that begin before it ends.
+    """
+    count = len(low)
+    axis = widest_axis(low, high)
+    keys, order = np.empty(count), np.empty(count, np.int64)
+    for index in range(count):
+        keys[index] = low[index, axis]
+    sort_indices(keys, order)
+    found = 0
+    for place in range(count):
+        one = order[place]
+        end = high[one, axis]
+        for later in range(place + 1, count):
+            two = order[later]
+            if not keys[two] < end:
+                break
+            if overlap(low[one], high[one], low[two], high[two]):
+                if found < len(codes):
+                    codes[found] = min(one, two) * count + max(one, two)
+                found += 1
+    return found
+
+
+@helper
+def widest_axis(low: np.ndarray, high: np.ndarray) -> int:
+    """Return the axis of the largest spread of the centres of boxes."""
+    axis, widest = 0, -1.0
+    for candidate in range(3):
+        least, largest = np.inf, -np.inf
+        for index in range(len(low)):
+            centre = low[index, candidate] + high[index, candidate]
+            least, largest = min(least, centre), max(largest, centre)
+        if largest - least > widest:
+            axis, widest = candidate, largest - least
+    return axis
+
+
+@helper
+def sort_indices(keys: np.ndarray, order: np.ndarray) -> None:
+    """Write the indices of keys (n,) in increasing order, stable for equal keys (Shell sort)."""
+    gap = 1
+    while gap < len(keys) // 3:
+        gap = 3 * gap + 1
+    for index in range(len(keys)):
+        order[index] = index
+    while gap > 0:
+        for start in range(gap, len(keys)):
+            index, place = order[start], start
+            while place >= gap:
+                other = order[place - gap]
+                ahead = keys[other] == keys[index] and other < index
+                if keys[other] < keys[index] or ahead:
+                    break
+                order[place] = other
+                place -= gap
+            order[place] = index
+        gap //= 3
+
+
+@helper
+def overlap(
+    low: np.ndarray, high: np.ndarray, other_low: np.ndarray, other_high: np.ndarray
+) -> bool:
+    """Return whether the interiors of boxes with corners (3,) intersect."""
+    for axis in range(3):
+        if not (low[axis] < other_high[axis] and other_low[axis] < high[axis]):
+            return False
+    return True
+
+
+@kernel
+def bound_bodies(
+    bodies: np.ndarray,
+    indices: np.ndarray,
+    x: np.ndarray,
+    ahead: int,
+    margin: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> None:
+    """
+    Write the boxes around bodies.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+    indices : (b,) int
+        which of them
+    x : (2, 3, N) float
+        m
+    ahead : int
+        1 for the positions being computed in the tick, 0 for those of the state
+    margin : (b,) float
+        around the particles, m
+    low, high : (b, 3) float
+        corners, written, m
+
+    """
+    for place in range(len(indices)):
+        body = bodies[indices[place]]
+        half = body['now'] ^ ahead
+        first = body['first']
+        end = first + body['count']
+        for axis in range(3):
+            least, largest = bounds_of(x[half, axis, first:end])
+            low[place, axis] = least - margin[place]
+            high[place, axis] = largest + margin[place]
+
+
+@helper
+def bounds_of(row: np.ndarray) -> tuple[float, float]:
+    """Return the least and the largest of numbers (n,)."""
+    low_0 = low_1 = low_2 = low_3 = np.inf
+    high_0 = high_1 = high_2 = high_3 = -np.inf
+    whole = len(row) - len(row) % LANES
+    for start in range(0, whole, LANES):
+        a, b, c, d = row[start], row[start + 1], row[start + 2], row[start + 3]
+        low_0 = a if a < low_0 else low_0
+        low_1 = b if b < low_1 else low_1
+        low_2 = c if c < low_2 else low_2
+        low_3 = d if d < low_3 else low_3
+        high_0 = a if a > high_0 else high_0
+        high_1 = b if b > high_1 else high_1
+        high_2 = c if c > high_2 else high_2
+        high_3 = d if d > high_3 else high_3
+    for index in range(whole, len(row)):
+        low_0, high_0 = min(low_0, row[index]), max(high_0, row[index])
+    low = min(min(low_0, low_1), min(low_2, low_3))
+    return low, max(max(high_0, high_1), max(high_2, high_3))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces of bodies: primitives, and mesh files loaded, welded and checked through trimesh."""
+"""Surfaces of bodies: primitives, and mesh files, which are loaded, welded and validated."""
 
 from __future__ import annotations
 
@@ -14,25 +14,23 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 import trimesh
 
-from softbody_ros.core.columns import summed
-
 PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
 FILE_TYPES = ('stl', 'obj', 'ply', 'off', 'glb')
 LARGEST_FILE = 1 << 30
 LARGEST_MESH = 4_000_000
-"""Most vertices a body may have: beyond it a step takes longer than a frame on any machine."""
+"""Largest number of vertices: beyond it a step takes longer than a frame on any machine."""
 WELD_DISTANCE = 1e-7
-"""Vertices closer than this fraction of the half extent are one: seams split by UVs or normals."""
+"""Vertices closer than this, relative to the half extent, are merged: seams of UVs, normals."""
 
 
 class MeshError(ValueError):
-    """A mesh that cannot become a body: the message is one sentence with the reason."""
+    """An unusable mesh: the message is one sentence with the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """
-    Triangles over shared vertices; without faces, a cloud of points.
+    An indexed triangle mesh, or a point cloud without faces.
 
     Attributes
     ----------
@@ -59,14 +57,14 @@ class Surface:
 
     @cached_property
     def closed(self) -> bool:
-        """Whether the triangles enclose a volume: every edge has two faces, alike in winding."""
+        """Whether it is watertight: every edge has two faces of consistent winding."""
         mesh = trimesh.Trimesh(self.vertices, self.faces, process=False, validate=False)
         return bool(len(self.faces) and mesh.is_watertight and mesh.is_winding_consistent)
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
-    Return the sums (n, 3) of the normals of each vertex's faces, as long as twice their areas.
+    Return vertex normals (n, 3): sums over adjacent faces of twice their area vectors.
 
     Parameters
     ----------
@@ -76,12 +74,13 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
     a, b, c = vertices[faces.T]
     normals = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    return summed(normals, faces.ravel(), len(vertices))
+    sums = [np.bincount(faces.ravel(), along, len(vertices)) for along in normals.T]
+    return np.stack(sums, axis=1)
 
 
 def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
     """
-    Return the primitive called `mesh`, or the file of that path, centred at the origin.
+    Return a primitive, or the mesh in a file, centred at the origin.
 
     Parameters
     ----------
@@ -90,7 +89,7 @@ def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
     size : float
         half the longest side of the bounding box, m
     subdivisions : int
-        fineness of a primitive; a file is taken as it is
+        fineness of a primitive; not used for files
 
     Raises
     ------
@@ -114,7 +113,7 @@ def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
 
 
 def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
-    """Return a primitive that fits a cube of half extent 1; each level doubles its fineness."""
+    """Return a primitive in a cube of half extent 1; each level doubles its fineness."""
     sections = 8 * 2**subdivisions
     if kind == 'icosphere':
         return trimesh.creation.icosphere(subdivisions=subdivisions, radius=1.0)
@@ -150,7 +149,7 @@ def _read_file(path: str) -> trimesh.Trimesh:
         raise MeshError(f'mesh file {path} is larger than 1 GiB: simplify the mesh first')
     try:
         shape = trimesh.load(path, file_type=extension, force='mesh', process=False)
-    except Exception as error:  # the parsers of the formats raise whatever they like
+    except Exception as error:  # the parsers raise all kinds of exceptions
         reason = ' '.join(str(error).split()) or type(error).__name__
         raise MeshError(
             f'mesh file {path} cannot be read as {extension.upper()} ({reason}): export it again'
@@ -180,7 +179,7 @@ def _check(vertices: np.ndarray, faces: np.ndarray, what: str) -> None:
 
 
 def _fitted(vertices: np.ndarray, faces: np.ndarray, mesh: str) -> np.ndarray:
-    """Return the vertices moved and scaled so that the faces just fit a cube of half extent 1."""
+    """Return the vertices, translated and scaled to fit the faces into a cube of half extent 1."""
     used = vertices[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     with np.errstate(over='ignore'):
@@ -205,13 +204,13 @@ def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _first_of_each(groups: np.ndarray) -> np.ndarray:
-    """Return the index of the first vertex of each vertex's group."""
+    """Return for each vertex the first one of its group."""
     _, first, inverse = np.unique(groups, return_index=True, return_inverse=True)
     return first[inverse]
 
 
 def _facing_outwards(surface: Surface) -> Surface:
-    """Return a closed surface with positive volume; some exporters turn all triangles around."""
+    """Return the surface with outward winding if closed; some exporters invert all triangles."""
     a, b, c = surface.vertices[surface.faces.T]
     if surface.closed and np.einsum('ij,ij->', a, np.cross(b, c)) < 0:
         return Surface(surface.vertices, surface.faces[:, ::-1])

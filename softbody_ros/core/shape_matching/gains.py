@@ -1,18 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the parameters of a body mean for one tick: gains that are exact at any step."""
+"""Gains of one tick from the parameters of a body, exact at any step size."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from functools import cached_property
 import math
 
 import numpy as np
 
-from softbody_ros.core.config import BodyConfig
-from softbody_ros.core.shape_matching.rest_shape import LINEAR, QUADRATIC
+from softbody_ros.core.config import MODES, BodyConfig
 
 
 def natural_frequency(stiffness: float, reference_step: float) -> float:
@@ -21,7 +17,7 @@ def natural_frequency(stiffness: float, reference_step: float) -> float:
 
 
 def damping_ratio(bounciness: float) -> float:
-    """Return ζ for which each swing has `bounciness` times the amplitude of the one before."""
+    """Return ζ for which successive half swings have amplitudes in the ratio `bounciness`."""
     if bounciness <= 0.0:
         return 1.0
     overshoot = math.log(bounciness)
@@ -32,7 +28,7 @@ def oscillator_gains(
     stiffness: float, bounciness: float, step: float, reference_step: float
 ) -> tuple[float, float]:
     """
-    Return the gains s and k that step a damped oscillator exactly, whatever the step.
+    Return the gains s and k that step a damped oscillator exactly, at any step size.
 
     With y the distance from the goal, x = x* + s y and v = v* + k y / h sample the motion of
     frequency ω and damping ζ: the map has trace 2 e cos(√(1−ζ²) ω h) and determinant e²,
@@ -54,91 +50,29 @@ def oscillator_gains(
     )
 
 
-@dataclass(frozen=True)
-class Gains:
+def put_gains(record: np.void, body: BodyConfig, step: float, reference_step: float) -> None:
     """
-    What the parameters of B bodies mean for one tick.
+    Write the gains of a body for one tick into its BODY record.
 
-    Every array is (B,), but `pull`, `critical`, `deformation` and `volume_conservation` are
-    (2, B): for positions and for velocities.
+    Fields of two numbers are for positions and for velocities.
 
-    The modes that a goal follows feel the stiffness (1 − β) α_s, the others α_s. For both to keep
-    their frequency at any step, the goals of positions and of velocities each get the β that
-    makes s · (1 − β_s) and k · (1 − β_k) the exact gains of the stiffness (1 − β) α_s. At the
-    reference step without damping β_k = β, as published.
+    Deformations that the goal follows have the stiffness (1 − β) α_s, all others α_s. For the
+    frequencies of both to be independent of the step, the goals of positions and of velocities
+    have their own β, such that s · (1 − β_s) and k · (1 − β_k) are the exact gains of the
+    stiffness (1 − β) α_s. At the reference step without damping β_k = β, as published.
 
-    `pull` is s and k / h, `critical` what they are at critical damping.
-    `kept_velocity` is the share of the deformation's velocity that `damping` leaves, `creeping`
-    the share of a strain that becomes permanent, `whole_body` the weight of the match of the
-    whole body beside its regions.
+    Parameters
+    ----------
+    record : BODY, ()
+        written: `pull` is s and k / h, `critical_pull` the same at critical damping;
+        `kept_velocity` the share of the velocity of deformation that `damping` leaves, `creep` the
+        share of a strain that becomes permanent, `whole_body_weight` the weight of the match of
+        the whole body, where its regions have the rest
+    body : BodyConfig
+    step, reference_step : float
+        h and h₀, s
+
     """
-
-    rigid: np.ndarray
-    quadratic: np.ndarray
-    pull: np.ndarray
-    critical: np.ndarray
-    deformation: np.ndarray
-    volume_conservation: np.ndarray
-    elasticity: np.ndarray
-    bounciness: np.ndarray
-    friction: np.ndarray
-    coulomb: np.ndarray
-    thickness: np.ndarray
-    mass: np.ndarray
-    kept_velocity: np.ndarray
-    yield_strain: np.ndarray
-    creeping: np.ndarray
-    largest_strain: np.ndarray
-    whole_body: np.ndarray
-
-    # asked in every tick: the gains of a batch stay the same for many
-    @cached_property
-    def features(self) -> int:
-        """Number of features that the richest mode among the bodies needs."""
-        return QUADRATIC if self.quadratic.any() else LINEAR
-
-    @cached_property
-    def all_quadratic(self) -> bool:
-        """Whether all bodies are quadratic."""
-        return bool(self.quadratic.all())
-
-    @cached_property
-    def any_rigid(self) -> bool:
-        """Whether some bodies are rigid."""
-        return bool(self.rigid.any())
-
-    @cached_property
-    def all_rigid(self) -> bool:
-        """Whether all bodies are rigid."""
-        return bool(self.rigid.all())
-
-    @cached_property
-    def any_coulomb(self) -> bool:
-        """Whether some bodies have Coulomb's friction."""
-        return bool(self.coulomb.any())
-
-    @cached_property
-    def damps(self) -> bool:
-        """Whether some velocity of a deformation is taken."""
-        return bool((self.kept_velocity < 1.0).any())
-
-    @cached_property
-    def creeps(self) -> bool:
-        """Whether some deformation can become permanent."""
-        return bool(self.creeping.any())
-
-    def of(self, bodies: np.ndarray) -> Gains:
-        """Return the gains of some of the bodies, given as a mask or as indices."""
-        return Gains(*(getattr(self, item.name)[..., bodies] for item in fields(self)))
-
-
-def make_gains(bodies: Sequence[BodyConfig], step: float, reference_step: float) -> Gains:
-    """Return the gains of bodies that are stepped together."""
-    rows = [_body_gains(body, step, reference_step) for body in bodies]
-    return Gains(*(np.array(column).T for column in zip(*rows, strict=True)))
-
-
-def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
     reference_steps = step / reference_step
     kept_velocity = (1.0 - body.damping) ** reference_steps
     s, k, beta_s, beta_k = 1.0, 1.0, 0.0, 0.0
@@ -166,22 +100,17 @@ def _body_gains(body: BodyConfig, step: float, reference_step: float) -> tuple:
     friction = body.friction
     if body.friction_model == 'viscous':
         friction = 1.0 - (1.0 - friction) ** reference_steps
-    return (
-        body.mode == 'rigid',
-        body.mode == 'quadratic',
-        (s, k / step),
-        (critical[0], critical[1] / step),
-        (beta_s, beta_k),
-        (conserved_s, conserved_k),
-        body.elasticity,
-        body.bounciness,
-        friction,
-        body.friction_model == 'coulomb',
-        body.thickness,
-        body.mass,
-        kept_velocity,
-        body.plasticity_yield,
-        -math.expm1(-body.plasticity_creep * step),
-        body.plasticity_max,
-        1.0 if body.mode == 'rigid' else body.regions_whole_body_weight,
-    )
+    record['mode'] = MODES.index(body.mode)
+    record['pull'], record['critical_pull'] = (s, k / step), (critical[0], critical[1] / step)
+    record['deformation'] = beta_s, beta_k
+    record['volume_conservation'] = conserved_s, conserved_k
+    record['kept_velocity'] = kept_velocity
+    record['yield_strain'] = body.plasticity_yield
+    record['creep'] = -math.expm1(-body.plasticity_creep * step)
+    record['largest_strain'] = body.plasticity_max
+    record['whole_body_weight'] = 1.0 if body.mode == 'rigid' else body.regions_whole_body_weight
+    record['elasticity'], record['bounciness'] = body.elasticity, body.bounciness
+    record['friction'], record['coulomb'] = friction, body.friction_model == 'coulomb'
+    record['thickness'], record['mass'] = body.thickness, body.mass
+    record['pins_linear'] = body.pins_velocity_linear
+    record['pins_angular'] = body.pins_velocity_angular

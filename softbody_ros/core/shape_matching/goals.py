@@ -1,341 +1,246 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where bodies want to be: the match of the whole body with those of its regions, pins and dents.
+Goals of a body: match of the whole body and of its regions, plastic flow.
 
-Every goal is a nearest shape of some kind (turned, fitted, of the rest volume), or a mean of such:
-so the pull towards it has a potential, and a body left alone comes to rest.
+Müller, Heidelberger, Teschner, Gross: Meshless Deformations Based on Shape Matching, SIGGRAPH
+2005, sections 3.3 and 4.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 
-from softbody_ros.core.basis import POSITION, REGIONS, Basis
-from softbody_ros.core.shape_matching import matching, plasticity, regions
-from softbody_ros.core.shape_matching.gains import Gains
-from softbody_ros.core.shape_matching.pins import Pins
-from softbody_ros.core.shape_matching.regions import RegionMatch, Regions
-from softbody_ros.core.shape_matching.rest_shape import LINEAR, RestShape
-from softbody_ros.core.sums import mapped, sums
-from softbody_ros.core.tick import SimulationError, Tick
+from softbody_ros.core.body import RIGID
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.geometry.vectors import (
+    IDENTITY,
+    ZERO,
+    Matrix,
+    Vector,
+    along,
+    column_of,
+    matrix_of,
+    plus,
+    put_column,
+    put_matrix,
+    put_vector,
+    scaled,
+    times,
+    vector_of,
+)
+from softbody_ros.core.shape_matching.matching import (
+    LINEAR,
+    blend,
+    degeneracy_of,
+    fill,
+    fit,
+    linear_block,
+    move_to_rest_volume,
+)
+from softbody_ros.core.shape_matching.moments import (
+    FIRST_FACTOR,
+    SECOND_FACTOR,
+)
+from softbody_ros.core.shape_matching.plasticity import elastic_of, flowed, undeformed_of
+from softbody_ros.core.shape_matching.regions import (
+    add_region_goals,
+    region_fit,
+    region_moment,
+)
 
-LARGEST_MOMENT = 1e100
-"""Beyond it squares leave the finite numbers."""
 
-
-@dataclass(frozen=True)
-class Match:
+@helper
+def find_goal(
+    body: np.void,
+    shape: np.void,
+    stretch: np.ndarray,
+    posture: np.ndarray,
+    scratch: np.ndarray,
+    goal_x: np.ndarray,
+    goal_v: np.ndarray,
+) -> float:
     """
-    Where the goals of B bodies are.
-
-    Attributes
-    ----------
-    basis : Basis
-    groups : sequence of Group
-        bodies that have been matched together
-    coefficients : (B, 2, 3, C) float
-        of the goals for positions, and for velocities
-    strayed : (B,) float
-        from 0, anything that a goal can follow, to 1, a state that only the rest shape leads out
-        of
-    plastic : (B, 1 + K, 3, 3) float or None
-        plastic state after the tick: of the whole body and of its K regions
-
-    """
-
-    basis: Basis
-    groups: Sequence[Group]
-    coefficients: np.ndarray
-    strayed: np.ndarray
-    plastic: np.ndarray | None
-
-    def goals_of(self, body: np.ndarray, particle: np.ndarray) -> np.ndarray:
-        """Return the goals for velocities of particles (k,) of bodies (k,): (k, 3), m."""
-        return self.basis.at(self.coefficients[:, 1], body, particle)
-
-    @cached_property
-    def goals(self) -> np.ndarray:
-        """(B, 3, n) float: the goals of all particles for velocities, m."""
-        functions = self.basis.functions
-        coefficients = self.basis.in_world(self.coefficients[:, 1])
-        return mapped(coefficients.astype(functions.dtype, copy=False), functions)
-
-    @cached_property
-    def place(self) -> np.ndarray:
-        """(B, P, 3) float: centres of the P pieces of bodies: regions, or the whole; m."""
-        places = [group.place for group in self.groups]
-        return self.basis.origin[:, None] + merged(self.groups, places)
-
-    @cached_property
-    def origin(self) -> np.ndarray:
-        """(B, P, 3) float: where the pieces are in the rest shape, m."""
-        return merged(self.groups, [group.origin for group in self.groups])
-
-    @cached_property
-    def posture(self) -> np.ndarray:
-        """(B, P, 3, 3) float: how the pieces lie: from offsets in the rest shape to those now."""
-        return merged(self.groups, [group.posture for group in self.groups])
-
-
-@dataclass(frozen=True)
-class Group:
-    """
-    How b bodies of a batch fit a rest shape.
-
-    Attributes
-    ----------
-    rows : (b,) int
-        which of the batch
-    gains : Gains
-    rest : RestShape
-        with the weights that the particles have in the match
-    regions : Regions or None
-    pins : Pins or None
-        that give particles other weights than the bodies do
-    centre : (b, 3) float
-        of mass, with those weights, m from the origin of the basis
-    undeformed : (b, 3, 3) float
-        R, or R S_p
-    fits : Fits
-    parts : RegionMatch or None
-        the match of the regions, m from the origin of the basis
-    plastic : (b, 1 + K, 3, 3) float or None
-        plastic state after the tick
-
-    """
-
-    rows: np.ndarray
-    gains: Gains
-    rest: RestShape
-    regions: Regions | None
-    pins: Pins | None
-    centre: np.ndarray
-    undeformed: np.ndarray
-    fits: Fits
-    parts: RegionMatch | None
-    plastic: np.ndarray | None
-
-    @property
-    def place(self) -> np.ndarray:
-        """(b, P, 3) float: see `Match`, but from the origin of the basis."""
-        return self.centre[:, None] if self.parts is None else self.parts.centre
-
-    @property
-    def origin(self) -> np.ndarray:
-        """(b, P, 3) float: see `Match`."""
-        origin = self.rest.centre[None]
-        if self.regions is not None:
-            origin = origin + self.rest.scale * self.regions.centre
-        return np.repeat(origin[None], len(self.rows), axis=0)
-
-    @property
-    def posture(self) -> np.ndarray:
-        """(b, P, 3, 3) float: see `Match`; whole bodies lie as they fit, unless they strayed."""
-        if self.parts is not None:
-            return self.parts.undeformed
-        strays = (self.fits.strayed > 0.0)[:, None, None]
-        return np.where(strays, self.undeformed, self.fits.nearest[..., :LINEAR])[:, None]
-
-    @property
-    def places_by_regions(self) -> np.ndarray:
-        """(b, 3, n) float: what regions make of the positions, m from the origin of the basis."""
-        assert self.parts is not None
-        assert self.regions is not None
-        return regions.goals(self.parts, self.regions, self.rest)
-
-    @property
-    def plastic_or_intact(self) -> np.ndarray:
-        """(b, 1 + K, 3, 3) float: plastic state after the tick."""
-        return intact(len(self.rows), self.regions) if self.plastic is None else self.plastic
-
-    def coefficients(self, basis: Basis) -> np.ndarray:
-        """Return the coefficients (b, 2, 3, C) of the goals, see `Match`."""
-        deformation = self.gains.deformation * (1.0 - self.fits.strayed)
-        transforms = matching.blended(self.fits.followed, self.undeformed, deformation)
-        of_features = matching.affine(self.centre, transforms, self.rest)
-        if self.pins is not None:
-            count = of_features.shape[-1]
-            of_features = of_features @ self.pins.features[:count, :count]
-        result = np.zeros((len(self.rows), 2, 3, basis.functions.shape[1]))
-        if self.regions is None:
-            result[..., basis.one :] = of_features.swapaxes(0, 1)
-        else:
-            whole = self.gains.whole_body[:, None, None]
-            result[..., basis.one :] = whole[..., None] * of_features.swapaxes(0, 1)
-            result[..., range(3), range(REGIONS.start, REGIONS.stop)] = 1.0 - whole
-        return result
-
-
-def merged(groups: Sequence[Group], values: Sequence[np.ndarray]) -> np.ndarray:
-    """Return values (b, …) of each group as those of the batch (B, …)."""
-    if len(groups) == 1:
-        return values[0]
-    result = np.empty((sum(len(group.rows) for group in groups), *values[0].shape[1:]))
-    for group, part in zip(groups, values, strict=True):
-        result[group.rows] = part
-    return result
-
-
-def find(
-    basis: Basis, plastic: np.ndarray | None, pinned: Mapping[int, Pins], tick: Tick
-) -> Match:
-    """
-    Match all bodies: those that hang on pins with the weights that these give them.
+    Match the whole body, and write the transforms of its goals for positions and velocities.
 
     Parameters
     ----------
-    basis : Basis
-        what regions make of the positions is put into it
-    plastic : (B, 1 + K, 3, 3) float or None
-        plastic state at the tick before, see `plasticity`
-    pinned : mapping of int to Pins
-        by row
-    tick : Tick
+    body : BODY
+    shape : SHAPE
+        with the weights of the match
+    stretch : (2, S, 3, 3) float
+    posture : (S, 3, 3) float
+        see `predict_and_match`
+    scratch : (5, F, 3) float
+        the first is Σ w f y, m
+    goal_x, goal_v : (F, 3) float
+        m
+
+    Returns
+    -------
+    float
+        see `matching.degeneracy_of`
 
     """
-    hanging = [row for row in pinned if not tick.gains.rigid[row]]
-    free = np.arange(len(basis))
-    if hanging:
-        free = np.setdiff1d(free, hanging)
-    groups = [of_bodies(basis, np.array([row]), plastic, pinned[row], tick) for row in hanging]
-    if len(free):
-        groups.append(of_bodies(basis, free, plastic, None, tick))
-    if tick.regions is not None:
-        basis.use_regions(merged(groups, [group.places_by_regions for group in groups]))
-    if any(group.plastic is not None for group in groups):
-        plastic = merged(groups, [group.plastic_or_intact for group in groups])
-    return Match(
-        basis,
-        groups,
-        merged(groups, [group.coefficients(basis) for group in groups]),
-        merged(groups, [group.fits.strayed for group in groups]),
-        plastic,
-    )
+    row, now, is_plastic = body['first_match'], body['now'], body['is_plastic']
+    moment, fitted, volume_fit = scratch[0], scratch[1], scratch[2]
+    for f in range(len(moment)):
+        for axis in range(3):
+            moment[f, axis] /= shape['scale']
+    plastic = matrix_of(stretch[now, row])
+    undeformed = undeformed_of(linear_block(moment), plastic, is_plastic)
+    if body['mode'] == RIGID:
+        # the goal follows no deformation, so no fit is needed
+        fill(fitted, 0.0)
+        blend(fitted, fitted, 0.0, 0.0, undeformed, goal_x)
+        blend(fitted, fitted, 0.0, 0.0, undeformed, goal_v)
+        put_matrix(posture[row], undeformed)
+        return 0.0
+    fit(moment, undeformed, shape, fitted)
+    volume = move_to_rest_volume(fitted, shape, volume_fit, scratch[3], scratch[4])
+    elastic = elastic_of(linear_block(fitted), plastic, is_plastic)
+    degeneracy = degeneracy_of(fitted, elastic, volume)
+    conserves = 1.0 if degeneracy < 1.0 else 0.0
+    conserved, beta = body['volume_conservation'], body['deformation']
+    regularity = 1.0 - degeneracy
+    blend(fitted, volume_fit, conserves * conserved[0], regularity * beta[0], undeformed, goal_x)
+    blend(fitted, volume_fit, conserves * conserved[1], regularity * beta[1], undeformed, goal_v)
+    put_matrix(posture[row], undeformed if degeneracy > 0.0 else linear_block(fitted))
+    flow(body, stretch, row, elastic, degeneracy)
+    return degeneracy
 
 
-def of_bodies(
-    basis: Basis, rows: np.ndarray, plastic: np.ndarray | None, pins: Pins | None, tick: Tick
-) -> Group:
-    """Match some bodies (b,), given as indices, with the weights that pins give, or their own."""
-    rest, parted = (tick.rest, tick.regions) if pins is None else (pins.rest, pins.regions)
-    everyone = len(rows) == len(basis)
-    gains = tick.gains if everyone else tick.gains.of(rows)
-    chosen = slice(None) if everyone else rows
-    if pins is None:
-        total = basis.gram[chosen, POSITION, basis.one :]
-    else:
-        x = basis.functions[chosen, POSITION]
-        total = sums(x, rest.weighted_features[: 1 + tick.gains.features])
-    require_finite(total)
-    centre, moment = total[..., 0], total[..., 1:] / rest.scale
-    plastic = None if plastic is None else plastic[rows]
-    stretch = None if plastic is None else plastic[:, 0]
-    undeformed = plasticity.undeformed(moment, stretch)
-    fits = fit_of_each_mode(moment, undeformed, stretch, rest, gains)
-    parts = None
-    if parted is not None:
-        stretch = None if plastic is None else plastic[:, 1:]
-        x = basis.functions[chosen, POSITION]
-        parts = regions.match(x, parted, rest, stretch)
-    after = flowed(plastic, fits, parts, parted, gains)
-    return Group(rows, gains, rest, parted, pins, centre, undeformed, fits, parts, after)
+@helper
+def flow(body: np.void, stretch: np.ndarray, row: int, elastic: Matrix, degeneracy: float) -> None:
+    """Write the plastic state of a match after the tick; degenerate states do not flow."""
+    creep, now = body['creep'], body['now']
+    if not (body['is_plastic'] or creep > 0.0):
+        return
+    plastic = matrix_of(stretch[now, row]) if body['is_plastic'] else IDENTITY
+    flows = False
+    if creep > 0.0 and degeneracy < 1.0:
+        limits = (body['yield_strain'], creep, body['largest_strain'])
+        flows, plastic = flowed(plastic, elastic, limits[0], limits[1], limits[2])
+    put_matrix(stretch[1 - now, row], plastic)
+    if flows:
+        body['flowed'] = True
 
 
-def intact(bodies: int, regions: Regions | None) -> np.ndarray:
-    """Return the plastic state (B, 1 + K, 3, 3) of bodies that are as they were made."""
-    return np.tile(np.eye(3), (bodies, 1 + (regions.count if regions else 0), 1, 1))
-
-
-def flowed(
-    plastic: np.ndarray | None,
-    fits: Fits,
-    parts: RegionMatch | None,
-    parted: Regions | None,
-    gains: Gains,
-) -> np.ndarray | None:
-    """Return the plastic state after the tick; what has strayed comes back, it does not flow."""
-    if not gains.creeps:
-        return plastic
-    creeping = gains.creeping * (fits.strayed < 1.0)
-    transforms = fits.nearest[:, None, :, :LINEAR]
-    if parted is not None and parts is not None:
-        transforms = np.concatenate([transforms, regions.fits(parts, parted)], axis=1)
-    if plastic is None:
-        plastic = np.broadcast_to(np.eye(3), transforms.shape)
-    limits = (gains.yield_strain, creeping, gains.largest_strain)
-    return plasticity.flowed(
-        plastic,
-        plasticity.elastic(transforms, plastic),
-        *(np.broadcast_to(limit[:, None], transforms.shape[:2]) for limit in limits),
-    )
-
-
-@dataclass(frozen=True)
-class Fits:
+@helper
+def match_regions(
+    body: np.void,
+    shape: np.void,
+    regions: np.ndarray,
+    member: np.ndarray,
+    features: np.ndarray,
+    weighted_features: np.ndarray,
+    region_goals: np.ndarray,
+    stretch: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    origin: Vector,
+    degeneracy: float,
+) -> None:
     """
-    What the shapes of B bodies come nearest to the particles with.
+    Match each region (section 4.4), and replace predicted positions by the goals.
 
-    Attributes
+    Parameters
     ----------
-    nearest : (B, 3, F) float
-    followed : (2, B, 3, F) float
-        what the goals of positions and of velocities follow of it: their volume is conserved
-    strayed : (B,) float
-        see `Match`
+    body, shape, regions, member, features, weighted_features, stretch
+        see `predict_and_match`; the shape with the weights of the match
+    region_goals : (3, N) float
+        predicted positions, then goals, m from the origin
+    match_centre, match_posture : (S, 3), (S, 3, 3) float
+    origin : vector
+        m
+    degeneracy : float
+        of the match of the whole body
 
     """
-
-    nearest: np.ndarray
-    followed: np.ndarray
-    strayed: np.ndarray
-
-
-def fit_of_each_mode(
-    moment: np.ndarray,
-    undeformed: np.ndarray,
-    stretch: np.ndarray | None,
-    rest: RestShape,
-    gains: Gains,
-) -> Fits:
-    """Return the quadratic fits of quadratic bodies, the linear ones of the others."""
-    if gains.all_rigid and moment.shape[-1] == LINEAR:
-        # their goals follow no deformation, so it need not be known
-        followed = np.stack([undeformed, undeformed])
-        return Fits(undeformed, followed, np.zeros(len(undeformed)))
-    conserved, quadratic = gains.volume_conservation, gains.quadratic
-    fits = find_fits(moment, undeformed, stretch, rest, conserved)
-    if moment.shape[-1] == LINEAR or gains.all_quadratic:
-        return fits
-    linear = find_fits(moment[..., :LINEAR], undeformed, stretch, rest, conserved)
-    chosen = quadratic[:, None, None]
-    return Fits(
-        np.where(chosen, fits.nearest, matching.padded(linear.nearest)),
-        np.where(chosen, fits.followed, matching.padded(linear.followed)),
-        np.where(quadratic, fits.strayed, linear.strayed),
-    )
+    first, scale, is_plastic = body['first'], shape['scale'], body['is_plastic']
+    for k in range(body['regions']):
+        region, row = regions[shape['first_region'] + k], body['first_match'] + 1 + k
+        moment, weighted = region_moment(region, member, weighted_features, region_goals, first)
+        moment = times(1.0 / scale, moment)
+        plastic = matrix_of(stretch[body['now'], row])
+        undeformed = undeformed_of(moment, plastic, is_plastic)
+        put_vector(match_centre[row], scaled(1.0 / region['mass'], weighted))
+        put_matrix(match_posture[row], undeformed)
+        if is_plastic or body['creep'] > 0.0:
+            fitted = region_fit(region, moment, undeformed)
+            flow(body, stretch, row, elastic_of(fitted, plastic, is_plastic), degeneracy)
+    for i in range(first, first + body['count']):
+        put_column(region_goals, i, ZERO)
+    for k in range(body['regions']):
+        region, row = regions[shape['first_region'] + k], body['first_match'] + 1 + k
+        centre, undeformed = vector_of(match_centre[row]), matrix_of(match_posture[row])
+        transform = times(scale, undeformed)
+        add_region_goals(region, member, features, centre, transform, region_goals, first)
+        put_vector(match_centre[row], plus(origin, centre))
 
 
-def find_fits(
-    moment: np.ndarray,
-    undeformed: np.ndarray,
-    stretch: np.ndarray | None,
-    rest: RestShape,
-    conserved: np.ndarray,
-) -> Fits:
-    """Fit as many features as the moments (B, 3, F) have."""
-    nearest = matching.fit(moment, undeformed, rest)
-    kept, volume = matching.of_rest_volume(nearest, rest)
-    strayed = matching.strayed(plasticity.elastic(nearest, stretch), volume)
-    conserved = np.where(strayed < 1.0, conserved, 0.0)[..., None, None]
-    return Fits(nearest, nearest + conserved * (kept - nearest), strayed)
+@helper
+def put_goal(
+    body: np.void,
+    origin: Vector,
+    centre: Vector,
+    shape: np.void,
+    share: float,
+    goal_v: np.ndarray,
+) -> None:
+    """Write the goal for velocities into the record of a body, see `goal_of`."""
+    goal, scale = body['goal'], shape['scale']
+    put_vector(goal[0], along(origin, share, centre))
+    for f in range(9):
+        for axis in range(3):
+            goal[1 + f, axis] = share * scale * goal_v[f, axis] if f < len(goal_v) else 0.0
 
 
-def require_finite(moment: np.ndarray) -> None:
-    """Raise if any position or velocity was not finite: the moments are sums over all of them."""
-    if not np.abs(moment).max() < LARGEST_MOMENT:
-        raise SimulationError('a position or velocity is not finite any more')
+@helper
+def goal_of(
+    body: np.void, shape: np.void, q: np.ndarray, region_goals: np.ndarray, i: int
+) -> Vector:
+    """
+    Return the goal for the velocity of particle i of the world, m.
+
+    Parameters
+    ----------
+    body : BODY
+    shape : SHAPE
+        with the weights of the match
+    q : (3, M) float
+        of all rest shapes
+    region_goals : (3, N) float
+        goals by regions, m from the origin
+    i : int
+
+    """
+    goal, means = body['goal'], shape['feature_means']
+    rest_q = column_of(q, shape['first'] + i - body['first'])
+    result = vector_of(goal[0])
+    for f in range(LINEAR):
+        result = along(result, rest_q[f], vector_of(goal[1 + f]))
+    if body['mode'] > 1:
+        for f in range(LINEAR, 9):
+            value = rest_q[FIRST_FACTOR[f - 3]] * rest_q[SECOND_FACTOR[f - 3]] - means[f]
+            result = along(result, value, vector_of(goal[1 + f]))
+    if body['regions']:
+        result = along(result, 1.0 - body['whole_body_weight'], column_of(region_goals, i))
+    return result
+
+
+@kernel
+def fill_goals(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    shapes: np.ndarray,
+    q: np.ndarray,
+    region_goals: np.ndarray,
+    goals: np.ndarray,
+) -> None:
+    """Write the goals (3, N), m, of the particles of some bodies, see `goal_of`."""
+    for index in range(len(chosen)):
+        body = bodies[chosen[index]]
+        matched = shapes[body['matched']]
+        for i in range(body['first'], body['first'] + body['count']):
+            put_column(goals, i, goal_of(body, matched, q, region_goals, i))

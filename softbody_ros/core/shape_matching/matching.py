@@ -1,265 +1,290 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Shape matching: moments → rotation and fit → goal transform.
+Shape matching: moments → fit, volume and blend → goal transform.
 
 Müller, Heidelberger, Teschner, Gross: Meshless Deformations Based on Shape Matching,
-SIGGRAPH 2005. All functions work on a stack of B bodies that share one rest shape; transforms are
-(B, 3, F) and dimensionless, F = 3 features for linear and 9 for quadratic goals.
+SIGGRAPH 2005. A transform is an array (F, 3): the image of each feature, F = 3 for linear and 9
+for quadratic goals, dimensionless; a goal is centre + scale · Σ_f transform_f · feature_f.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from softbody_ros.core.shape_matching.rest_shape import LINEAR, QUADRATIC, RestShape
-from softbody_ros.core.sums import blocks, mapped, sums
+from softbody_ros.core.compiled import helper
+from softbody_ros.core.geometry.vectors import Matrix, cross, determinant, square, vector_of
 
-LEAST_ROUNDNESS = 0.3, 0.15
-"""2 det A / |A|² at which a body begins to be too flat for a goal to follow, and where it is."""
+LINEAR = 3
+LEAST_CONDITIONING = 0.3, 0.15
+"""2 det A / |A|² of flat states: degeneracy begins at the first value, and is 1 at the second."""
 LARGEST_STRETCH = 4.0, 6.0
-"""The same for |A|, where a rest shape has √3."""
+"""The same for |A|, which is √3 for a rest shape."""
 LARGEST_BEND = 0.7, 1.2
-"""The same for the norm of the quadratic block: beyond it surfaces turn inside out."""
+"""The same for the norm of the quadratic block: beyond it surfaces invert."""
 LEAST_VOLUME, LARGEST_VOLUME = (0.4, 0.25), (2.5, 4.0)
 """The same for the relative volume."""
 VOLUME_STEPS = 2
-"""Each squares the error of the volume."""
+"""Newton steps, each of which squares the error of the volume."""
 LEAST_SLOPE = 1e-3
-"""Squared volume gradient below which a volume does not tell where to go."""
-PREVIOUS, FOLLOWING = np.array([2, 0, 1]), np.array([1, 2, 0])
-"""Rows in a cycle."""
+"""Squared volume gradient below which it gives no direction."""
 
 
-def moments(x: np.ndarray, rest: RestShape, features: int) -> tuple[np.ndarray, np.ndarray]:
+# ------------------------------------------------------------------------------------- transforms
+@helper
+def copy(source: np.ndarray, target: np.ndarray) -> None:
+    """Copy a transform; assignments of slices take seconds to compile."""
+    for f in range(len(source)):
+        for axis in range(3):
+            target[f, axis] = source[f, axis]
+
+
+@helper
+def fill(target: np.ndarray, value: float) -> None:
+    """Fill a transform."""
+    for f in range(len(target)):
+        for axis in range(3):
+            target[f, axis] = value
+
+
+@helper
+def linear_block(transform: np.ndarray) -> Matrix:
+    """Return the linear block of a transform as a matrix."""
+    t = transform
+    return (
+        (t[0, 0], t[1, 0], t[2, 0]),
+        (t[0, 1], t[1, 1], t[2, 1]),
+        (t[0, 2], t[1, 2], t[2, 2]),
+    )
+
+
+@helper
+def scalar_product(a: np.ndarray, b: np.ndarray) -> float:
+    """Return Σ a_f · b_f of two transforms."""
+    total = 0.0
+    for f in range(len(a)):
+        total += a[f, 0] * b[f, 0] + a[f, 1] * b[f, 1] + a[f, 2] * b[f, 2]
+    return total
+
+
+@helper
+def multiply(matrix: np.ndarray, transform: np.ndarray, result: np.ndarray) -> None:
+    """Write the product of a symmetric matrix (F, F) with a transform."""
+    for f in range(len(transform)):
+        x = y = z = 0.0
+        for g in range(len(transform)):
+            x += matrix[f, g] * transform[g, 0]
+            y += matrix[f, g] * transform[g, 1]
+            z += matrix[f, g] * transform[g, 2]
+        result[f, 0], result[f, 1], result[f, 2] = x, y, z
+
+
+# -------------------------------------------------------------------------------------------- fit
+@helper
+def fit(moment: np.ndarray, undeformed: Matrix, shape: np.void, result: np.ndarray) -> None:
     """
-    Return the centres of mass and the moments of the offsets with the features.
+    Write the transform that fits the particles best: A, or Ã (eq. 9–12).
+
+    Combinations of features that the shape does not span come from the undeformed goal.
 
     Parameters
     ----------
-    x : (B, 3, n) float
-        positions, m
-    rest : RestShape
-    features : int
-        3 or 9
-
-    Returns
-    -------
-    centre : (B, 3) float
-        Σ w x, m
-    moment : (B, 3, features) float
-        Σ w (x − centre) fᵀ / scale; its first three columns are A_pq (eq. 7)
+    moment : (F, 3) float
+        Σ w f (x − centre) / scale; its first three rows are A_pqᵀ (eq. 7)
+    undeformed : matrix
+        R, or R S_p
+    shape : SHAPE
+    result : (F, 3) float
 
     """
-    total = sums(x, rest.weighted_features[: 1 + features])
-    return total[..., 0], total[..., 1:] / rest.scale
-
-
-def fit(moment: np.ndarray, undeformed: np.ndarray, rest: RestShape) -> np.ndarray:
-    """
-    Return the transform of F features that comes nearest to the particles: A, or Ã (eq. 9–12).
-
-    Combinations of features that the shape does not span are taken from the undeformed goal.
-
-    Parameters
-    ----------
-    moment : (B, 3, F) float
-    undeformed : (B, 3, 3) float
-        the rotation R
-    rest : RestShape
-
-    Returns
-    -------
-    (B, 3, F) float
-
-    """
-    if moment.shape[-1] == LINEAR:
-        inverse, unspanned = rest.inverse_linear, rest.unspanned_linear
+    if len(moment) == LINEAR:
+        multiply(shape['inverse_linear'], moment, result)
+        if not shape['spanned_linear']:
+            add_unspanned(shape['unspanned_linear'], undeformed, result)
     else:
-        inverse, unspanned = rest.inverse_quadratic, rest.unspanned_quadratic
-    spanned = moment @ inverse
-    return spanned if unspanned is None else spanned + undeformed @ unspanned[:LINEAR]
+        multiply(shape['inverse_quadratic'], moment, result)
+        if not shape['spanned_quadratic']:
+            add_unspanned(shape['unspanned_quadratic'], undeformed, result)
 
 
-def strayed(fits: np.ndarray, volume: np.ndarray) -> np.ndarray:
-    """
-    Return how far bodies are beyond what a goal can follow: inverted, flat, huge, crumpled.
-
-    Parameters
-    ----------
-    fits : (B, 3, F) float
-    volume : (B,) float
-        relative volumes of the fits
-
-    Returns
-    -------
-    (B,) float
-        0 within, 1 where only the rest shape can be the goal
-
-    """
-    block = fits[..., :LINEAR]
-    square = _product(block, block)
-    # the least stretch is at least det / (product of the others) >= 2 det / square
-    roundness = 2.0 * np.linalg.det(block) / np.maximum(square, 1e-300)
-    beyond = np.maximum(_ramp(roundness, LEAST_ROUNDNESS), 0.0)
-    beyond = np.maximum(beyond, _ramp(np.sqrt(square), LARGEST_STRETCH))
-    beyond = np.maximum(beyond, _ramp(volume, LEAST_VOLUME))
-    beyond = np.maximum(beyond, _ramp(volume, LARGEST_VOLUME))
-    if fits.shape[-1] > LINEAR:
-        bend = fits[..., LINEAR:]
-        norm = np.sqrt(_product(bend, bend))
-        beyond = np.maximum(beyond, _ramp(norm, LARGEST_BEND))
-    return np.minimum(beyond, 1.0)
+@helper
+def add_unspanned(unspanned: np.ndarray, undeformed: Matrix, result: np.ndarray) -> None:
+    """Add the undeformed goal of unspanned features to a transform."""
+    for f in range(len(result)):
+        for axis in range(3):
+            row = undeformed[axis]
+            result[f, axis] += (
+                row[0] * unspanned[0, f] + row[1] * unspanned[1, f] + row[2] * unspanned[2, f]
+            )
 
 
-def _ramp(value: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
-    """Return 0 at the first limit and 1 at the second, without clipping."""
-    start, end = limits
+@helper
+def ramp(value: float, start: float, end: float) -> float:
+    """Return 0 at the start and 1 at the end, without clipping."""
     return (value - start) * (1.0 / (end - start))
 
 
-def blended(fits: np.ndarray, undeformed: np.ndarray, deformation: np.ndarray) -> np.ndarray:
+@helper
+def degeneracy_of(transform: np.ndarray, elastic: Matrix, volume: float) -> float:
     """
-    Return β · fit + (1 − β) [R 0 0] (Müller et al. 2005, sections 4.2 and 4.3).
+    Return the degeneracy of a fit: whether it is inverted, flat, overstretched or folded.
 
     Parameters
     ----------
-    fits : (…, B, 3, F) float
-    undeformed : (B, 3, 3) float
-        R
-    deformation : (…, B) float
-        β
+    transform : (F, 3) float
+        the fit
+    elastic : matrix
+        its linear block, relative to the permanently deformed shape
+    volume : float
+        relative volume of the fit
 
     Returns
     -------
-    (…, B, 3, F) float
+    float
+        0 for regular states, 1 where the goal must be the rest shape
 
     """
-    beta = deformation[..., None, None]
-    transform = beta * fits
-    transform[..., :LINEAR] += (1.0 - beta) * undeformed
-    return transform
+    size = square(elastic)
+    # the least singular value is det / (product of the others) >= 2 det / size
+    conditioning = 2.0 * determinant(elastic) / max(size, 1e-300)
+    beyond = max(ramp(conditioning, LEAST_CONDITIONING[0], LEAST_CONDITIONING[1]), 0.0)
+    beyond = max(beyond, ramp(math.sqrt(size), LARGEST_STRETCH[0], LARGEST_STRETCH[1]))
+    beyond = max(beyond, ramp(volume, LEAST_VOLUME[0], LEAST_VOLUME[1]))
+    beyond = max(beyond, ramp(volume, LARGEST_VOLUME[0], LARGEST_VOLUME[1]))
+    if len(transform) > LINEAR:
+        bend = scalar_product(transform[LINEAR:], transform[LINEAR:])
+        beyond = max(beyond, ramp(math.sqrt(bend), LARGEST_BEND[0], LARGEST_BEND[1]))
+    return min(beyond, 1.0)
 
 
-def volume_gradient(transform: np.ndarray, rest: RestShape) -> np.ndarray:
+# ----------------------------------------------------------------------------------------- volume
+@helper
+def volume_gradient(transform: np.ndarray, form: np.ndarray, result: np.ndarray) -> None:
     """
-    Return the derivative of the relative volume that the goals enclose, by the transform.
+    Write the gradient of the relative volume enclosed by the goals with respect to the transform.
 
-    Exact in every mode, at a cost that does not depend on the mesh: the volume of T f is a cubic
-    form in T whose coefficients are constants of the rest shape. Being cubic, the volume is a
-    third of the product of its gradient with T.
+    Exact in every mode, at a cost independent of the mesh: the volume of T f is a cubic form in T
+    whose coefficients, antisymmetric (F, F, F), are constants of the rest shape. Therefore the
+    volume is a third of the product of its gradient with T.
+    """
+    fill(result, 0.0)
+    for i in range(1, len(transform)):
+        for j in range(i):
+            normal = cross(vector_of(transform[i]), vector_of(transform[j]))
+            for k in range(len(transform)):
+                result[k, 0] += form[i, j, k] * normal[0]
+                result[k, 1] += form[i, j, k] * normal[1]
+                result[k, 2] += form[i, j, k] * normal[2]
+
+
+@helper
+def move_to_rest_volume(
+    transform: np.ndarray,
+    shape: np.void,
+    nearest: np.ndarray,
+    gradient: np.ndarray,
+    direction: np.ndarray,
+) -> float:
+    """
+    Write the nearest transform of relative volume 1, and return the volume before.
+
+    Nearest in the metric of the particles: as for the fit and the rotation, the pull towards such
+    a goal is the gradient of half the squared distance, hence conservative. Scaling a goal to its
+    volume (like the published A / ∛det A) is not, and feeds energy into oscillations.
 
     Parameters
     ----------
-    transform : (B, 3, F) float
-    rest : RestShape
+    transform : (F, 3) float
+    shape : SHAPE
+    nearest : (F, 3) float
+        written: after `VOLUME_STEPS` Newton steps; meaningless for degenerate states
+    gradient, direction : (F, 3) float
+        scratch
 
     Returns
     -------
-    (B, 3, F) float
+    float
+        1 for shapes without volume, a sheet or a rod, which are unchanged
 
     """
-    count = transform.shape[-1]
-    # the form is antisymmetric: it stays as it is when the three rows change places in a cycle
-    previous, following = transform.take(PREVIOUS, axis=1), transform.take(FOLLOWING, axis=1)
-    by_previous = previous @ rest.volume_forms[count]
-    return np.matmul(by_previous.reshape(*transform.shape, count), following[..., None])[..., 0]
+    copy(transform, nearest)
+    if not shape['has_volume']:
+        return 1.0
+    before = 1.0
+    for step in range(VOLUME_STEPS):
+        if len(transform) == LINEAR:
+            volume_gradient(nearest, shape['volume_linear'], gradient)
+            multiply(shape['inverse_linear'], gradient, direction)
+        else:
+            volume_gradient(nearest, shape['volume_quadratic'], gradient)
+            multiply(shape['inverse_quadratic'], gradient, direction)
+        volume = scalar_product(gradient, nearest) / 3.0
+        if step == 0:
+            before = volume
+        slope = max(scalar_product(gradient, direction), LEAST_SLOPE)
+        # ∛V − 1 is nearly linear, and exactly so for a uniformly scaled goal
+        root = cube_root(max(volume, LEAST_VOLUME[1]))
+        distance = 3.0 * root * root * (1.0 - root)
+        distance += scalar_product(gradient, nearest) - scalar_product(gradient, transform)
+        for f in range(len(transform)):
+            for axis in range(3):
+                nearest[f, axis] = transform[f, axis] + distance / slope * direction[f, axis]
+    return before
 
 
-def relative_volume(transform: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return the volumes (B,) that goals enclose, as multiples of the rest volume."""
-    return _product(volume_gradient(transform, rest), transform) / 3.0
+@helper
+def cube_root(value: float) -> float:
+    """Return ∛value of a positive number, by operations with the same rounding everywhere."""
+    value, exponent = min(value, 1e300), 0
+    while value >= 8.0:
+        value *= 0.125
+        exponent += 1
+    while value < 1.0:
+        value *= 8.0
+        exponent -= 1
+    # a line within 4 % for 1 … 8, then Newton's method
+    root = 0.9 + 0.145 * value
+    for _ in range(6):
+        root = (2.0 * root + value / (root * root)) / 3.0
+    while exponent > 0:
+        root *= 2.0
+        exponent -= 1
+    while exponent < 0:
+        root *= 0.5
+        exponent += 1
+    return root
 
 
-def of_rest_volume(transform: np.ndarray, rest: RestShape) -> tuple[np.ndarray, np.ndarray]:
+# ------------------------------------------------------------------------------------------- goal
+@helper
+def blend(
+    fitted: np.ndarray,
+    volume_fit: np.ndarray,
+    conservation: float,
+    beta: float,
+    undeformed: Matrix,
+    result: np.ndarray,
+) -> None:
     """
-    Return the transforms of relative volume 1 that are nearest, and the volumes before.
-
-    Nearest for the particles: like the fit and the rotation, such a goal pulls with the gradient
-    of half the squared distance, so that the pull has a potential. Scaling a goal to its volume
-    (the published A / ∛det A is of that kind) has none, and pumps energy into oscillations.
+    Write β · fit + (1 − β) [R 0 0] (sections 4.2, 4.3), with a share of volume conservation.
 
     Parameters
     ----------
-    transform : (B, 3, F) float
-    rest : RestShape
-
-    Returns
-    -------
-    nearest : (B, 3, F) float
-        exact to the square of the error of the volume for each of `VOLUME_STEPS`; means nothing
-        for bodies that have strayed
-    volume : (B,) float
-        1 for shapes that cannot have any, a sheet or a rod: they stay as they are
+    fitted, volume_fit : (F, 3) float
+        the fit, and the nearest transform of the rest volume
+    conservation, beta : float
+        volume conservation, deformation β
+    undeformed : matrix
+        R, or R S_p
+    result : (F, 3) float
 
     """
-    if not rest.has_volume:
-        return transform, np.ones(len(transform))
-    inverse = rest.inverse_linear if transform.shape[-1] == LINEAR else rest.inverse_quadratic
-    nearest, volumes = transform, []
-    for _ in range(VOLUME_STEPS):
-        gradient = volume_gradient(nearest, rest)
-        volume = _product(gradient, nearest) / 3.0
-        volumes.append(volume)
-        direction = gradient @ inverse
-        slope = np.maximum(_product(gradient, direction), LEAST_SLOPE)
-        # ∛V − 1 is nearly linear, and linear for a goal that is only too large or too small
-        root = np.cbrt(np.maximum(volume, LEAST_VOLUME[1]))
-        way = 3.0 * root**2 * (1.0 - root) + _product(gradient, nearest - transform)
-        nearest = transform + (way / slope)[:, None, None] * direction
-    return nearest, volumes[0]
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the scalar products (B,) of transforms (B, 3, F)."""
-    return np.add.reduce((a * b).reshape(len(a), -1), axis=1)
-
-
-def affine(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndarray:
-    """
-    Return the coefficients of the one and the features in goals: centre, scale · transform.
-
-    Parameters
-    ----------
-    centre : (B, 3) float
-        m
-    transform : (…, B, 3, F) float
-    rest : RestShape
-
-    Returns
-    -------
-    (…, B, 3, 1 + F) float
-        m
-
-    """
-    result = np.empty((*transform.shape[:-1], 1 + transform.shape[-1]))
-    result[..., 0] = centre
-    result[..., 1:] = rest.scale * transform
-    return result
-
-
-def goals(centre: np.ndarray, transform: np.ndarray, rest: RestShape) -> np.ndarray:
-    """Return the goal positions (…, B, 3, n), m, of a transform, see `affine`."""
-    coefficients = affine(centre, transform, rest).astype(rest.features.dtype, copy=False)
-    return mapped(coefficients, rest.features[: coefficients.shape[-1]])
-
-
-def distances(
-    x: np.ndarray, centre: np.ndarray, transform: np.ndarray, rest: RestShape
-) -> np.ndarray:
-    """Return how far particles at x (B, 3, n) are from `goals`, (B, n), m, block by block."""
-    coefficients = affine(centre, transform, rest).astype(x.dtype, copy=False)
-    result = np.empty((len(x), x.shape[2]), x.dtype)
-    for part in blocks(x.shape[2]):
-        apart = mapped(coefficients, rest.features[: coefficients.shape[-1], part])
-        apart -= x[..., part]
-        apart *= apart
-        np.sqrt(np.add.reduce(apart, axis=1), out=result[:, part])
-    return result
-
-
-def padded(transform: np.ndarray) -> np.ndarray:
-    """Return a linear transform (B, 3, 3) as one of all nine features."""
-    wide = np.zeros((*transform.shape[:-1], QUADRATIC))
-    wide[..., : transform.shape[-1]] = transform
-    return wide
+    for f in range(len(fitted)):
+        for axis in range(3):
+            deformed = fitted[f, axis] + conservation * (volume_fit[f, axis] - fitted[f, axis])
+            result[f, axis] = beta * deformed
+    for f in range(LINEAR):
+        for axis in range(3):
+            result[f, axis] += (1.0 - beta) * undeformed[axis][f]

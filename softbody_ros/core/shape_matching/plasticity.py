@@ -1,105 +1,116 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Permanent deformation: the rest shape itself flows when it is strained beyond its yield.
+Plastic flow: permanent deformation of the rest shape beyond its yield strain.
 
 Müller, Heidelberger, Teschner, Gross 2005, section 4.5. The plastic state is a symmetric stretch
 S_p of determinant 1 for each match, by which the rest shape is multiplied before it is rotated.
-All functions work on stacks of matches.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from softbody_ros.core.shape_matching.polar_decomposition import rotation
-from softbody_ros.core.shape_matching.rest_shape import LINEAR
+from softbody_ros.core.compiled import helper
+from softbody_ros.core.geometry.vectors import Matrix, determinant, inverse, norm, product
+from softbody_ros.core.shape_matching.polar_decomposition import (
+    orthogonal_columns,
+    rotation_of,
+    symmetric_of,
+)
 
 LEAST_GROWTH, LARGEST_GROWTH = 0.8, 1.2
-"""Stretch that may become permanent in one tick."""
+"""Bounds of the stretch that becomes permanent in one tick."""
 
 
-def undeformed(moment: np.ndarray, stretch: np.ndarray | None) -> np.ndarray:
+@helper
+def undeformed_of(moment: Matrix, stretch: Matrix, is_plastic: bool) -> Matrix:
     """
-    Return the linear transforms of the goals without elastic deformation: R, or R S_p.
+    Return the linear transform of the goal without elastic deformation: R, or R S_p.
 
     Parameters
     ----------
-    moment : (…, 3, F) float
-        its first three columns are A_pq
-    stretch : (…, 3, 3) float or None
-        S_p, symmetric; None where nothing has ever become permanent
-
-    Returns
-    -------
-    (…, 3, 3) float
+    moment : matrix
+        A_pq
+    stretch : matrix
+        S_p, symmetric
+    is_plastic : bool
+        whether S_p may differ from the identity
 
     """
-    if stretch is None:
-        return rotation(moment)
-    return rotation(moment[..., :LINEAR] @ stretch) @ stretch
+    if is_plastic:
+        return product(rotation_of(product(moment, stretch)), stretch)
+    return rotation_of(moment)
 
 
-def elastic(fits: np.ndarray, stretch: np.ndarray | None) -> np.ndarray:
-    """Return the fits (…, 3, F) as seen from the permanently deformed shape: A S_p⁻¹."""
-    if stretch is None:
-        return fits
-    result = fits.copy()
-    result[..., :LINEAR] = fits[..., :LINEAR] @ np.linalg.inv(stretch)
-    return result
+@helper
+def elastic_of(fit: Matrix, stretch: Matrix, is_plastic: bool) -> Matrix:
+    """Return a fit relative to the permanently deformed shape: A S_p⁻¹."""
+    return product(fit, inverse(stretch)) if is_plastic else fit
 
 
+@helper
 def flowed(
-    stretch: np.ndarray,
-    strained: np.ndarray,
-    yield_strain: np.ndarray,
-    creeping: np.ndarray,
-    largest_strain: np.ndarray,
-) -> np.ndarray:
+    stretch: Matrix,
+    elastic: Matrix,
+    yield_strain: float,
+    creep: float,
+    largest_strain: float,
+) -> tuple[bool, Matrix]:
     """
-    Return the plastic state after a tick: S_p ← [I + c (S − I)] S_p, its rotation left out.
+    Return whether a shape flows, and S_p after the tick: [I + c (S − I)] S_p without rotation.
 
-    The strain S − I is that of the polar decomposition of the elastic fit, which is symmetric; the
-    one of A_pq is not. An inverted shape does not flow.
+    The strain S − I is symmetric: S is of the polar decomposition of the elastic fit, not of A_pq.
+    An inverted shape does not flow.
 
     Parameters
     ----------
-    stretch : (…, 3, 3) float
+    stretch : matrix
         S_p
-    strained : (…, 3, F) float
-        the elastic fits
-    yield_strain, creeping, largest_strain : (…) float
-        strain up to which nothing flows, share of the strain that flows in this tick, and largest
-        permanent strain
-
-    Returns
-    -------
-    (…, 3, 3) float
-        symmetric, of determinant 1
+    elastic : matrix
+        the elastic fit
+    yield_strain, creep, largest_strain : float
+        strain below which nothing flows, share of the strain that becomes permanent in this tick,
+        and largest permanent strain
 
     """
-    _, sizes, axes = np.linalg.svd(strained[..., :LINEAR])
-    flows = np.abs(sizes - 1.0).max(axis=-1) > yield_strain
-    flows &= (np.linalg.det(strained[..., :LINEAR]) > 0.0) & (creeping > 0.0)
-    if not flows.any():
-        return stretch
-    growth = np.clip(1.0 + creeping[..., None] * (sizes - 1.0), LEAST_GROWTH, LARGEST_GROWTH)
-    _, sizes, axes = np.linalg.svd(_symmetric(growth, axes) @ stretch)
-    # in logarithms neither the volume nor the limit disturbs the other
-    logarithms = np.log(sizes)
-    logarithms -= logarithms.mean(axis=-1, keepdims=True)
-    limit = largest_strain[..., None]
-    ends = np.where(logarithms > 0.0, np.log1p(limit), np.log1p(-limit))
-    beyond = np.max(logarithms / np.where(ends != 0.0, ends, np.inf), axis=-1)
-    beyond = np.where(largest_strain > 0.0, np.maximum(beyond, 1.0), np.inf)
-    after = _symmetric(np.exp(logarithms / beyond[..., None]), axes)
-    return np.where(flows[..., None, None], after, stretch)
+    columns, axes = orthogonal_columns(elastic)
+    sizes = (norm(columns[0]), norm(columns[1]), norm(columns[2]))
+    strain = max(max(abs(sizes[0] - 1.0), abs(sizes[1] - 1.0)), abs(sizes[2] - 1.0))
+    if not (strain > yield_strain and creep > 0.0 and determinant(elastic) > 0.0):
+        return False, stretch
+    growth = (
+        bounded_growth(sizes[0], creep),
+        bounded_growth(sizes[1], creep),
+        bounded_growth(sizes[2], creep),
+    )
+    columns, axes = orthogonal_columns(product(symmetric_of(growth, axes), stretch))
+    # in logarithms the constraint on the volume and the limit are independent
+    a, b, c = math.log(norm(columns[0])), math.log(norm(columns[1])), math.log(norm(columns[2]))
+    mean = (a + b + c) / 3.0
+    a, b, c = a - mean, b - mean, c - mean
+    if not largest_strain > 0.0:
+        return True, symmetric_of((1.0, 1.0, 1.0), axes)
+    beyond = max(beyond_limit(a, largest_strain), beyond_limit(b, largest_strain))
+    beyond = max(max(beyond, beyond_limit(c, largest_strain)), 1.0)
+    sizes = (math.exp(a / beyond), math.exp(b / beyond), math.exp(c / beyond))
+    return True, symmetric_of(sizes, axes)
 
 
-def _symmetric(sizes: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    return (axes.swapaxes(-1, -2) * sizes[..., None, :]) @ axes
+@helper
+def bounded_growth(size: float, creep: float) -> float:
+    """Return the share of a stretch that becomes permanent in this tick, as a stretch."""
+    return min(max(1.0 + creep * (size - 1.0), LEAST_GROWTH), LARGEST_GROWTH)
 
 
-def strain(stretch: np.ndarray) -> float:
+@helper
+def beyond_limit(logarithm: float, largest_strain: float) -> float:
+    """Return the logarithm of a stretch as a multiple of its limit in that direction."""
+    return logarithm / math.log1p(largest_strain if logarithm > 0.0 else -largest_strain)
+
+
+def largest_permanent_strain(stretch: np.ndarray) -> float:
     """Return the largest permanent strain |σ − 1| among plastic states (…, 3, 3)."""
     return float(np.abs(np.linalg.eigvalsh(stretch) - 1.0).max())

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Overlapping regions of a body, each matched by itself, so that it bends locally.
+Overlapping regions of a body (clusters), each matched by itself, for local deformation.
 
-Müller, Heidelberger, Teschner, Gross 2005, section 4.4. Each particle shares its corrections among
-the regions it belongs to (weights that sum to 1), and the same shares are its masses in their
-matches: so the pull of all regions together has a potential and keeps momentum. Regions keep their
-shape, each turned as it fits: what bends, twists and stretches is their arrangement. The goal of
-the whole body, which follows deformation according to its mode, has a weight beside theirs:
-without it a hollow shell of local patches caves in.
+Müller, Heidelberger, Teschner, Gross 2005, section 4.4. The goal of a particle is a weighted mean
+over its regions (weights that sum to 1), and the same weights are its masses in their matches: so
+the pull of all regions together is conservative and keeps momentum. Each region is matched
+rigidly; the body bends, twists and stretches by their arrangement. The goal of the whole body,
+which deforms according to its mode, is averaged in: a hollow shell of local patches alone
+collapses.
 """
 
 from __future__ import annotations
@@ -19,41 +19,55 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from softbody_ros.core.shape_matching import plasticity
+from softbody_ros.core.compiled import helper
+from softbody_ros.core.geometry.vectors import Matrix, added, matrix_of, product
 from softbody_ros.core.shape_matching.rest_shape import LINEAR, RestShape, pseudo_inverse
-from softbody_ros.core.sums import mapped, sums
 
 FLAT = 0.01
-"""Squared extent, relative to the largest, below which a region has no stretch across itself."""
+"""Squared extent, relative to the largest, below which a region has no stretch that way."""
 POINT = 1e-8
 """Squared extent, relative to the body's, below which a region has no stretch at all."""
+
+EQUALLY_FAR = 1e-9
+"""Relative difference of equal distances up to rounding: symmetric meshes have many."""
+
+REGION = np.dtype(
+    [
+        ('first', np.int64),  # its members, in the arrays of all regions of a world
+        ('count', np.int64),
+        ('mass', np.float64),
+        ('inverse', np.float64, (LINEAR, LINEAR)),
+        ('unspanned', np.float64, (LINEAR, LINEAR)),
+    ],
+    align=True,
+)
+"""One region as kernels read it, see `Regions`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
     """
-    Constants of the K regions of a rest shape of n particles.
+    Constants of the K regions of a rest shape of n particles, with m members in all.
 
     Attributes
     ----------
-    members : (K, m) int
-        particles of each region; the smaller regions' rows are filled up with particle 0
-    places : (overlap, n) int
-        where in `members`, as one list, each particle is
-    features : (K, 4, m) float
-        ω [1 q] for each particle of each region: ω is the share that the particle has in the
-        region, q its offset from the region's centre of mass in the rest shape, divided by the
-        scale of the shape; zero where a row is filled up
-    weighted_features : (K, 4, m) float
+    first : (K + 1,) int
+        index in `particle` of the first member of each region
+    particle : (m,) int
+        members, region after region
+    features : (4, m) float
+        ω [1 q] of each member: ω is the weight of the region for the particle, q its offset from
+        the centre of mass of the region at rest, divided by the scale of the shape
+    weighted_features : (4, m) float
         times the weights of the particles
     centre : (K, 3) float
-        centres of mass in the rest shape, as its features q
-    home : (n,) int
-        the region in which each particle has its largest share
-    belongs : (n, K) sparse
-        1 where a particle has a share
+        centres of mass at rest, in the coordinates q of the shape
+    main_region : (n,) int
+        the region with the largest weight for each particle
+    membership : (n, K) sparse
+        1 where a particle is a member
     mass : (K,) float
-        what the regions weigh
+        mass shares of the regions
     inverse : (K, 3, 3) float
         pseudo-inverse of Σ w ω q qᵀ
     unspanned : (K, 3, 3) float
@@ -61,13 +75,13 @@ class Regions:
 
     """
 
-    members: np.ndarray
-    places: np.ndarray
+    first: np.ndarray
+    particle: np.ndarray
     features: np.ndarray
     weighted_features: np.ndarray
     centre: np.ndarray
-    home: np.ndarray
-    belongs: csr_array
+    main_region: np.ndarray
+    membership: csr_array
     mass: np.ndarray
     inverse: np.ndarray
     unspanned: np.ndarray
@@ -77,30 +91,37 @@ class Regions:
         """Number of regions, K."""
         return len(self.mass)
 
+    def records(self) -> np.ndarray:
+        """Return the regions as (K,) REGION; members count from 0."""
+        records = np.zeros(self.count, REGION)
+        records['first'], records['count'] = self.first[:-1], np.diff(self.first)
+        records['mass'] = self.mass
+        records['inverse'], records['unspanned'] = self.inverse, self.unspanned
+        return records
+
 
 def make_regions(
     rest: RestShape, count: int, overlap: int, weights: np.ndarray | None = None
 ) -> Regions:
     """
-    Return the regions around `count` particles that are as far from each other as can be.
+    Return regions around `count` seeds chosen by farthest point sampling.
 
     Parameters
     ----------
     rest : RestShape
     count : int
-        K, at most the number of particles; fewer are made if there are fewer places
+        K, at most the number of particles; coinciding particles make fewer
     overlap : int
-        regions that each particle belongs to: those of its nearest seeds, with shares that
-        vanish where the next one comes nearer
+        regions that each particle belongs to: those of its nearest seeds, with weights that
+        vanish where the next seed is as near
     weights : (n,) float, optional
-        what the particles weigh in the matches, by default their masses
+        of the particles in the matches, by default their masses
 
     """
-    # not the features, which may be float32: which of two equally far seeds it is must not differ
     points = (rest.surface.vertices - rest.centre) / rest.scale
     seeds = farthest_points(points, count)
     count = len(seeds)
-    # a region of vertices that belong to no face must have a centre, too
+    # vertices without faces have no mass, but a region of them needs a centre
     weights = rest.weights if weights is None else weights
     weights = np.maximum(weights.astype(np.float64), 1e-12)
     member, shares = _shares(points, points[seeds], overlap)
@@ -123,33 +144,28 @@ def make_regions(
         region,
         (share * weights[particle])[:, None, None] * offsets[:, :, None] * offsets[:, None, :],
     )
-    # of a single particle only rounding would be left
+    # the offsets of a single particle are rounding errors
     gram[np.einsum('kii->k', gram) < POINT * mass] = 0.0
     pairs = [pseudo_inverse(each, FLAT) for each in gram]
 
     order = np.argsort(region, kind='stable')
-    sizes = np.bincount(region, minlength=count)
-    place = np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    members = np.zeros((count, sizes.max()), dtype=np.int64)
-    members[region[order], place] = particle[order]
-    places = np.empty_like(order)
-    places[order] = region[order] * members.shape[1] + place
-    features = np.zeros((count, 4, members.shape[1]))
-    features[region[order], :, place] = affine[order]
-    weighted_features = features * weights[members][:, None]
-    # where next to nothing is beside a heavy particle, rounding of what that one adds to the
-    # moments would turn the region, the more the farther it is from where positions count from
-    rows, heaviest = np.arange(count), weighted_features[:, 0].argmax(axis=1)
-    weighted_features[rows, 1:, heaviest] -= weighted_features[:, 1:].sum(axis=2)
-    dtype = rest.features.dtype
+    region, particle = region[order], particle[order]
+    first = np.searchsorted(region, np.arange(count + 1))
+    features = np.ascontiguousarray(affine[order].T)
+    weighted_features = features * weights[particle]
+    # rows must sum to zero exactly: beside a heavy particle, rounding errors in its contribution
+    # to the moments, which grow with the distance from the origin, would rotate the region
+    for start, end in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
+        heaviest = start + int(weighted_features[0, start:end].argmax())
+        weighted_features[1:, heaviest] -= weighted_features[1:, start:end].sum(axis=1)
     return Regions(
-        members=members,
-        places=places.reshape(member.shape).T.copy(),
-        features=features.astype(dtype),
-        weighted_features=weighted_features.astype(dtype),
+        first=first,
+        particle=particle,
+        features=features,
+        weighted_features=weighted_features,
         centre=centre,
-        home=member[np.arange(len(points)), shares.argmax(axis=1)],
-        belongs=csr_array((np.ones(len(region)), (particle, region)), shape=(len(points), count)),
+        main_region=member[:, 0].copy(),
+        membership=csr_array((np.ones(len(particle)), (particle, region)), (len(points), count)),
         mass=mass,
         inverse=np.stack([inverse for inverse, _ in pairs]),
         unspanned=np.stack([unspanned for _, unspanned in pairs]),
@@ -158,15 +174,16 @@ def make_regions(
 
 def farthest_points(points: np.ndarray, count: int) -> np.ndarray:
     """
-    Return the indices of `count` points (n, 3), each as far as can be from those before.
+    Return the indices of `count` points (n, 3) by farthest point sampling.
 
-    Fewer if there are fewer places: points that coincide are chosen once.
+    Points that coincide are chosen once, so there may be fewer.
     """
     chosen = np.empty(count, dtype=np.int64)
-    # the first is the one farthest from the centre: a tip, not some vertex that happens to be 0
+    # start with the point farthest from the centre, not with an arbitrary vertex
     distance = np.linalg.norm(points, axis=1)
     for index in range(count):
-        chosen[index] = np.argmax(distance)
+        # the first of equally distant ones, independent of rounding
+        chosen[index] = np.argmax(distance >= (1.0 - EQUALLY_FAR) * distance.max())
         if index and distance[chosen[index]] == 0.0:
             return chosen[:index]
         apart = np.linalg.norm(points - points[chosen[index]], axis=1)
@@ -175,79 +192,117 @@ def farthest_points(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _shares(points: np.ndarray, seeds: np.ndarray, overlap: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n, m) int: the nearest seeds, and (n, m) float: shares that sum to 1."""
+    """Return (n, m) int: the nearest seeds, and (n, m) float: weights that sum to 1."""
     kept = min(overlap, len(seeds))
     distance, member = cKDTree(seeds).query(points, k=np.arange(1, min(kept + 1, len(seeds)) + 1))
     if kept < len(seeds):
         reach = distance[:, kept:]
     else:
-        # all seeds are near: the farthest of them counts least
+        # there is no next seed: the weight decreases up to twice the farthest one
         reach = 2.0 * distance[:, -1:]
     distance, member = distance[:, :kept], member[:, :kept]
     closeness = np.maximum(1.0 - distance / np.where(reach > 0.0, reach, 1.0), 0.0) ** 2
-    closeness[:, 0] = np.maximum(closeness[:, 0], 1e-6)  # between seeds equally far from it
+    closeness[:, 0] = np.maximum(closeness[:, 0], 1e-6)  # if the next seed is as near
     return member, closeness / closeness.sum(axis=1, keepdims=True)
 
 
-@dataclass(frozen=True)
-class RegionMatch:
+@helper
+def region_moment(
+    region: np.void, particle: np.ndarray, weighted: np.ndarray, y: np.ndarray, first: int
+) -> tuple[Matrix, tuple[float, float, float]]:
     """
-    How the K regions of B bodies fit the particles.
-
-    Attributes
-    ----------
-    centre : (B, K, 3) float
-        centres of mass, m
-    moment : (B, K, 3, 3) float
-        A_pq of each
-    undeformed : (B, K, 3, 3) float
-        R, or R S_p
-
-    """
-
-    centre: np.ndarray
-    moment: np.ndarray
-    undeformed: np.ndarray
-
-
-def match(
-    x: np.ndarray, regions: Regions, rest: RestShape, stretch: np.ndarray | None
-) -> RegionMatch:
-    """
-    Match each region with the particles.
+    Return A_pq, m, and Σ w ω y of a region (eq. 7).
 
     Parameters
     ----------
-    x : (B, 3, n) float
+    region : REGION
+    particle : (m,) int
+        members of all regions of a world, as particles of their bodies
+    weighted : (4, m) float
+        w ω [1 q]
+    y : (3, N) float
         positions, m
-    regions : Regions
-    rest : RestShape
-    stretch : (B, K, 3, 3) float or None
-        plastic state
+    first : int
+        first particle of the body
 
     """
-    # a few times faster than a sparse matrix: products of a vector with a small dense matrix
-    members = x.take(regions.members.ravel(), axis=2).reshape(*x.shape[:2], regions.count, -1)
-    total = sums(members.swapaxes(1, 2), regions.weighted_features)
-    moment = total[..., 1:] / rest.scale
-    centre = total[..., 0] / regions.mass[:, None]
-    return RegionMatch(centre, moment, plasticity.undeformed(moment, stretch))
+    start, stop = region['first'], region['first'] + region['count']
+    one, q0, q1, q2 = (
+        weighted[0, start:stop],
+        weighted[1, start:stop],
+        weighted[2, start:stop],
+        weighted[3, start:stop],
+    )
+    member = particle[start:stop]
+    c0 = c1 = c2 = 0.0
+    a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = 0.0
+    for k in range(len(member)):
+        i = first + member[k]
+        y0, y1, y2 = y[0, i], y[1, i], y[2, i]
+        c0 += one[k] * y0
+        c1 += one[k] * y1
+        c2 += one[k] * y2
+        a00 += q0[k] * y0
+        a01 += q1[k] * y0
+        a02 += q2[k] * y0
+        a10 += q0[k] * y1
+        a11 += q1[k] * y1
+        a12 += q2[k] * y1
+        a20 += q0[k] * y2
+        a21 += q1[k] * y2
+        a22 += q2[k] * y2
+    return ((a00, a01, a02), (a10, a11, a12), (a20, a21, a22)), (c0, c1, c2)
 
 
-def goals(matched: RegionMatch, regions: Regions, rest: RestShape) -> np.ndarray:
-    """Return (B, 3, n) float: what the regions of each particle make of its place, m."""
-    bodies = len(matched.centre)
-    transforms = np.empty((bodies, 3, regions.count, 4), rest.features.dtype)
-    transforms[..., 0] = matched.centre.swapaxes(1, 2)
-    transforms[..., 1:] = rest.scale * matched.undeformed.swapaxes(1, 2)
-    # as above: first all members of all regions, then which of them each particle is
-    members = mapped(transforms[..., None, :], regions.features).reshape(bodies, 3, -1)
-    result = members.take(regions.places[0], axis=2)
-    for places in regions.places[1:]:
-        result += members.take(places, axis=2)
-    return result
+@helper
+def add_region_goals(
+    region: np.void,
+    particle: np.ndarray,
+    features: np.ndarray,
+    centre: tuple[float, float, float],
+    transform: Matrix,
+    goals: np.ndarray,
+    first: int,
+) -> None:
+    """
+    Add the weighted goals of the members of a region, ω (centre + T q).
+
+    Parameters
+    ----------
+    region : REGION
+    particle : (m,) int
+        members of all regions of a world, as particles of their bodies
+    features : (4, m) float
+        ω [1 q]
+    centre : vector
+        m
+    transform : matrix
+        scale · R, or scale · R S_p, m
+    goals : (3, N) float
+        m
+    first : int
+        first particle of the body
+
+    """
+    start, stop = region['first'], region['first'] + region['count']
+    one, q0, q1, q2 = (
+        features[0, start:stop],
+        features[1, start:stop],
+        features[2, start:stop],
+        features[3, start:stop],
+    )
+    member = particle[start:stop]
+    (t00, t01, t02), (t10, t11, t12), (t20, t21, t22) = transform
+    c0, c1, c2 = centre
+    for k in range(len(member)):
+        i, w, a, b, c = first + member[k], one[k], q0[k], q1[k], q2[k]
+        goals[0, i] += w * c0 + (t00 * a + t01 * b + t02 * c)
+        goals[1, i] += w * c1 + (t10 * a + t11 * b + t12 * c)
+        goals[2, i] += w * c2 + (t20 * a + t21 * b + t22 * c)
 
 
-def fits(matched: RegionMatch, regions: Regions) -> np.ndarray:
-    """Return (B, K, 3, 3) float: the linear transforms that come nearest to the particles, A."""
-    return matched.moment @ regions.inverse + matched.undeformed @ regions.unspanned
+@helper
+def region_fit(region: np.void, moment: Matrix, undeformed: Matrix) -> Matrix:
+    """Return the best linear fit A of a region from A_pq and R."""
+    inverse, unspanned = matrix_of(region['inverse']), matrix_of(region['unspanned'])
+    return added(product(moment, inverse), product(undeformed, unspanned))

@@ -1,23 +1,45 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What matching needs of a rest shape: computed once, shared by all bodies that have the shape."""
+"""Rest shapes: precomputed constants for matching, shared by all bodies of a shape."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import permutations
 
 import numpy as np
 
 from softbody_ros.core.geometry.mesh import MeshError, Surface
-from softbody_ros.core.sums import sums, weighted
 
 LINEAR, QUADRATIC = 3, 9
-"""Number of features that a linear and a quadratic goal combine."""
+"""Number of features of a linear and a quadratic goal."""
 RANK_CUT = 1e-9
-"""Eigenvalues below this fraction of the largest count as zero: sheets, rods, 8-vertex boxes."""
+"""Eigenvalues below this fraction of the largest count as zero: of sheets, rods, boxes."""
 FACE_BLOCK = 1 << 16
+
+SHAPE = np.dtype(
+    [
+        ('first', np.int64),  # its particles in the weights and q of all rest shapes of a world
+        ('count', np.int64),
+        ('first_region', np.int64),
+        ('regions', np.int64),
+        ('scale', np.float64),
+        ('centre', np.float64, (3,)),
+        ('has_volume', np.bool_),
+        ('spanned_linear', np.bool_),
+        ('spanned_quadratic', np.bool_),
+        ('feature_means', np.float64, (QUADRATIC,)),
+        ('gram', np.float64, (QUADRATIC, QUADRATIC)),
+        ('inverse_linear', np.float64, (LINEAR, LINEAR)),
+        ('inverse_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
+        ('unspanned_linear', np.float64, (LINEAR, LINEAR)),
+        ('unspanned_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
+        ('volume_linear', np.float64, (LINEAR, LINEAR, LINEAR)),
+        ('volume_quadratic', np.float64, (QUADRATIC, QUADRATIC, QUADRATIC)),
+    ],
+    align=True,
+)
+"""The constants of a rest shape as kernels read them, see `RestShape`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +47,9 @@ class RestShape:
     """
     Constants of one rest shape of n particles.
 
-    Lengths are divided by `scale`, so that the numerics do not depend on the size of the object:
-    q = (x⁰ − centre) / scale. Row 0 of `features` is 1 and stands for the translation; rows 1–3
-    are q, rows 4–9 the products x² y² z² xy yz zx, all but the first with weighted mean zero.
-    Without that mean the quadratic goals would move the centre of mass.
+    Lengths are divided by `scale`, to make the numerics independent of the size of the object:
+    q = (x⁰ − centre) / scale. The nine features are q and the products x² y² z² xy yz zx minus
+    their weighted means, without which quadratic goals would move the centre of mass.
 
     Attributes
     ----------
@@ -40,17 +61,17 @@ class RestShape:
         RMS distance of the particles from the centre of mass (by area), m
     weights : (n,) float
         share of the body's mass that each particle has; they sum to 1
-    features : (10, n) float
-        what a goal combines linearly: goal = transform @ features
-    weighted_features : (10, n) float
-        `weights` times `features`; positions @ weighted_featuresᵀ are the moments
-    gram : (10, 10) float
+    q : (3, n) float
+        rest positions
+    feature_means : (9,) float
+        the subtracted means Σ w f; 0 for q
+    gram : (9, 9) float
         Σ w f fᵀ
     inverse_linear, inverse_quadratic : (3, 3), (9, 9) float
-        pseudo-inverse of the Gram matrix of the first 3, or all 9, features after the one
-        (Müller et al. 2005, eq. 7 and section 4.3)
-    unspanned_linear, unspanned_quadratic : (3, 3), (9, 9) float or None
-        projection on the combinations of features that vanish on every particle, if any do
+        pseudo-inverse of the Gram matrix of the first 3, or all 9, features (Müller et al. 2005,
+        eq. 7 and section 4.3)
+    unspanned_linear, unspanned_quadratic : (3, 3), (9, 9) float
+        projection on the null space of that Gram matrix
     volume_form : (9, 9, 9) float
         antisymmetric; the enclosed volume of the goal T f, relative to the rest volume, is
         Σ T₀ᵢ T₁ⱼ T₂ₖ volume_formᵢⱼₖ. For an open surface it is the determinant of T's linear block
@@ -61,44 +82,57 @@ class RestShape:
     centre: np.ndarray
     scale: float
     weights: np.ndarray
-    features: np.ndarray
-    weighted_features: np.ndarray
+    q: np.ndarray
+    feature_means: np.ndarray
     gram: np.ndarray
     inverse_linear: np.ndarray
     inverse_quadratic: np.ndarray
-    unspanned_linear: np.ndarray | None
-    unspanned_quadratic: np.ndarray | None
+    unspanned_linear: np.ndarray
+    unspanned_quadratic: np.ndarray
     volume_form: np.ndarray
 
-    @cached_property
-    def volume_forms(self) -> dict[int, np.ndarray]:
-        """The volume form (F, F²) of so many features F."""
-        counts = LINEAR, QUADRATIC
-        return {
-            count: self.volume_form[:count, :count, :count].reshape(count, -1) for count in counts
-        }
+    @property
+    def features(self) -> np.ndarray:
+        """(10, n) float: 1, and the nine features; a goal combines them linearly."""
+        features = _products(self.q)
+        features[1:] -= self.feature_means[:, None]
+        return features
 
     @property
     def has_volume(self) -> bool:
         """Whether the shape extends in all directions, unlike a sheet or a rod."""
-        return self.unspanned_linear is None
+        return not self.unspanned_linear.any()
 
     @property
     def particle_count(self) -> int:
         """Number of particles, n."""
         return len(self.weights)
 
+    def record(self) -> np.ndarray:
+        """Return the constants as a SHAPE record, (); its indices into arrays are not set."""
+        record = np.zeros((), SHAPE)
+        record['count'] = self.particle_count
+        record['scale'], record['centre'] = self.scale, self.centre
+        record['has_volume'] = self.has_volume
+        record['spanned_linear'] = not self.unspanned_linear.any()
+        record['spanned_quadratic'] = not self.unspanned_quadratic.any()
+        record['feature_means'], record['gram'] = self.feature_means, self.gram
+        record['inverse_linear'] = self.inverse_linear
+        record['inverse_quadratic'] = self.inverse_quadratic
+        record['unspanned_linear'] = self.unspanned_linear
+        record['unspanned_quadratic'] = self.unspanned_quadratic
+        record['volume_linear'] = self.volume_form[:LINEAR, :LINEAR, :LINEAR]
+        record['volume_quadratic'] = self.volume_form
+        return record
 
-def make_rest_shape(
-    surface: Surface, dtype: type = np.float64, weights: np.ndarray | None = None
-) -> RestShape:
+
+def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> RestShape:
     """
-    Return the constants of a surface, with the large arrays in `dtype`.
+    Return the constants of a surface.
 
     Parameters
     ----------
     surface : Surface
-    dtype : numpy float type
     weights : (n,) float, optional
         that sum to 1; by default each vertex has its share of the area
 
@@ -109,67 +143,44 @@ def make_rest_shape(
 
     """
     area_weights = _area_weights(surface)
-    spread = surface.vertices - weighted(surface.vertices.T, area_weights)
-    scale = float(np.sqrt(weighted(np.einsum('ij,ij->i', spread, spread)[None], area_weights)[0]))
-    weights = area_weights if weights is None else weights
-    centre = weighted(surface.vertices.T, weights)
-    offsets = surface.vertices - centre
+    spread = surface.vertices - weighted_mean(surface.vertices, area_weights)
+    scale = float(np.sqrt((np.einsum('ij,ij->i', spread, spread) * area_weights).sum()))
     if not scale > 0.0:
         raise MeshError('all vertices of the surface coincide: a body needs some extent')
-    x, y, z = offsets.T / scale
-    features = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
-    features[1:] -= weighted(features[1:], weights)[:, None]
-    gram = np.eye(1 + QUADRATIC)
-    gram[1:, 1:] = sums(features[1:] * weights, features[1:])
-    inverse_linear, unspanned_linear = pseudo_inverse(gram[1 : 1 + LINEAR, 1 : 1 + LINEAR])
-    inverse_quadratic, unspanned_quadratic = pseudo_inverse(gram[1:, 1:])
+    weights = area_weights if weights is None else weights
+    centre = weighted_mean(surface.vertices, weights)
+    q = np.ascontiguousarray((surface.vertices - centre).T / scale)
+    q -= weighted_mean(q.T, weights)[:, None]
+    features = _products(q)[1:]
+    means = np.zeros(QUADRATIC)
+    means[LINEAR:] = (features[LINEAR:] * weights).sum(axis=1)
+    features -= means[:, None]
+    gram = np.empty((QUADRATIC, QUADRATIC))
+    for row in range(QUADRATIC):
+        weighted = features[row] * weights
+        for column in range(row, QUADRATIC):
+            gram[row, column] = gram[column, row] = (weighted * features[column]).sum()
+    inverse_linear, unspanned_linear = pseudo_inverse(gram[:LINEAR, :LINEAR])
+    inverse_quadratic, unspanned_quadratic = pseudo_inverse(gram)
     return RestShape(
         surface=surface,
         centre=centre,
         scale=scale,
-        weights=weights.astype(dtype),
-        features=features.astype(dtype),
-        weighted_features=(weights * features).astype(dtype),
+        weights=weights,
+        q=q,
+        feature_means=means,
         gram=gram,
         inverse_linear=inverse_linear,
         inverse_quadratic=inverse_quadratic,
-        unspanned_linear=unspanned_linear if unspanned_linear.any() else None,
-        unspanned_quadratic=unspanned_quadratic if unspanned_quadratic.any() else None,
-        volume_form=_volume_form(surface, features[1:]),
+        unspanned_linear=unspanned_linear,
+        unspanned_quadratic=unspanned_quadratic,
+        volume_form=_volume_form(surface, features),
     )
 
 
-def features_by_others(rest: RestShape, other: RestShape) -> np.ndarray:
-    """
-    Return the features of a rest shape as combinations (10, 10) of those of another.
-
-    Both are of one surface and differ in their weights, so in their centres of mass: with q + d
-    for q, x y becomes x y + d_y x + d_x y, and a constant that keeps its mean zero.
-    """
-    x, y, z = (other.centre - rest.centre) / rest.scale
-    result = np.eye(1 + QUADRATIC)
-    result[4:, 1 : 1 + LINEAR] = [
-        [2.0 * x, 0.0, 0.0],
-        [0.0, 2.0 * y, 0.0],
-        [0.0, 0.0, 2.0 * z],
-        [y, x, 0.0],
-        [0.0, z, y],
-        [z, 0.0, x],
-    ]
-    result[1:, 0] = -result[1:, 1:] @ weighted(other.features[1:], rest.weights)
-    return result
-
-
-def _area_weights(surface: Surface) -> np.ndarray:
-    """Return each vertex's share of the area, so that no result depends on the tessellation."""
-    count = len(surface.vertices)
-    if not len(surface.faces):
-        return np.full(count, 1 / count)
-    a, b, c = surface.vertices[surface.faces.T]
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    shares = np.bincount(surface.faces.ravel(), np.repeat(areas, 3), minlength=count)
-    total = shares.sum()
-    return shares / total if total > 0.0 else np.full(count, 1 / count)
+def weighted_mean(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return Σ w p (3,) of points (n, 3), by pairwise sums that do not depend on threads."""
+    return np.array([(axis * weights).sum() for axis in np.ascontiguousarray(points.T)])
 
 
 def pseudo_inverse(gram: np.ndarray, cut: float = RANK_CUT) -> tuple[np.ndarray, np.ndarray]:
@@ -178,8 +189,26 @@ def pseudo_inverse(gram: np.ndarray, cut: float = RANK_CUT) -> tuple[np.ndarray,
     spanned = values > cut * values[-1]
     basis = vectors[:, spanned]
     inverse = (basis / values[spanned]) @ basis.T
-    rest = vectors[:, ~spanned]
-    return inverse, rest @ rest.T
+    null = vectors[:, ~spanned]
+    return inverse, null @ null.T
+
+
+def _products(q: np.ndarray) -> np.ndarray:
+    """Return (10, n) float: 1, q and the products of its coordinates."""
+    x, y, z = q
+    return np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
+
+
+def _area_weights(surface: Surface) -> np.ndarray:
+    """Return the area share of each vertex, for results independent of the tessellation."""
+    count = len(surface.vertices)
+    if not len(surface.faces):
+        return np.full(count, 1 / count)
+    a, b, c = surface.vertices[surface.faces.T]
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    shares = np.bincount(surface.faces.ravel(), np.repeat(areas, 3), minlength=count)
+    total = shares.sum()
+    return shares / total if total > 0.0 else np.full(count, 1 / count)
 
 
 def _volume_form(surface: Surface, features: np.ndarray) -> np.ndarray:
@@ -192,8 +221,9 @@ def _volume_form(surface: Surface, features: np.ndarray) -> np.ndarray:
     if surface.closed:
         for start in range(0, len(surface.faces), FACE_BLOCK):
             a, b, c = (features[:, corner] for corner in surface.faces[start:][:FACE_BLOCK].T)
-            products = (b[:, None] * c).reshape(QUADRATIC**2, -1)
-            moments += sums(a, products).reshape(moments.shape)
+            for i in range(QUADRATIC):
+                for j in range(QUADRATIC):
+                    moments[i, j] += (a[i] * b[j] * c).sum(axis=1)
     form = _antisymmetric(moments)
     if not surface.closed or form[0, 1, 2] < RANK_CUT:
         moments[:] = 0.0

@@ -12,8 +12,8 @@ import sys
 
 @contextlib.contextmanager
 def viewer_of(node: str) -> Iterator[None]:
-    """Have a viewer of the node of this name, until the end of the block."""
-    # its standard input ends with this process, however that ends
+    """Run a viewer of the node of this name until the end of the block."""
+    # its standard input closes when this process ends, however that happens
     process = subprocess.Popen(
         [sys.executable, '-m', 'softbody_ros.viewer', '--node', node, '--until-eof'],
         stdin=subprocess.PIPE,

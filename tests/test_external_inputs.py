@@ -13,7 +13,6 @@ from core_helpers import (
     disturbed,
     floating,
     momentum,
-    put,
     random_rotation,
     rms_displacement,
     sheet,
@@ -29,7 +28,12 @@ from softbody_ros.core.collision.point_obstacles import (
     PointObstacles,
     thinned,
 )
-from softbody_ros.core.external_inputs import MOST_GUESTS, Outside, Placement, Removal
+from softbody_ros.core.external_inputs import (
+    MOST_DYNAMIC_OBSTACLES,
+    ExternalInputs,
+    ObstacleRemoval,
+    ObstacleUpdate,
+)
 
 MODES = ('rigid', 'linear', 'quadratic')
 SECOND = 1_000_000_000
@@ -44,7 +48,7 @@ def box(position=(0.0, 0.0, -5.0), turn=(0.0, 0.0, 0.0), size=(1.0, 1.0, 1.0)):
 
 
 def placement(seconds=0.0, lifetime=0, key=KEY, **pose):
-    return Placement(key, box(**pose), round(seconds * SECOND), lifetime=lifetime)
+    return ObstacleUpdate(key, box(**pose), round(seconds * SECOND), lifetime=lifetime)
 
 
 def resting():
@@ -59,7 +63,7 @@ def resting():
 
 
 def guest(world, key=KEY):
-    return world.outside.guests[key].obstacle
+    return world.external_inputs.dynamic_obstacles[key].obstacle
 
 
 # --------------------------------------------------------------------------------------- obstacles
@@ -68,7 +72,7 @@ def test_an_obstacle_that_is_put_there_is_in_the_way():
     world.change_obstacles([placement(position=(0.0, 0.0, 1.0))])
     world.step(480)
     assert world.positions('body')[:, 2].min() > 1.9
-    world.change_obstacles([Removal('arm', 0)])
+    world.change_obstacles([ObstacleRemoval('arm', 0)])
     world.step(480)
     assert world.positions('body')[:, 2].min() < 0.1
 
@@ -77,14 +81,14 @@ def test_removals_take_what_they_name():
     world = floating(body())
     keys = [('a', 0), ('a', 1), ('b', 0), ('', 0)]
     for removal, left in (
-        (Removal('a', 1), [('a', 0), ('b', 0), ('', 0)]),
-        (Removal('a', 7), keys),
-        (Removal('a'), [('b', 0), ('', 0)]),
-        (Removal('', 0), keys[:3]),
-        (Removal(), []),
+        (ObstacleRemoval('a', 1), [('a', 0), ('b', 0), ('', 0)]),
+        (ObstacleRemoval('a', 7), keys),
+        (ObstacleRemoval('a'), [('b', 0), ('', 0)]),
+        (ObstacleRemoval('', 0), keys[:3]),
+        (ObstacleRemoval(), []),
     ):
-        world.change_obstacles([Removal(), *(placement(key=key) for key in keys), removal])
-        assert list(world.outside.guests) == left
+        world.change_obstacles([ObstacleRemoval(), *(placement(key=key) for key in keys), removal])
+        assert list(world.external_inputs.dynamic_obstacles) == left
 
 
 def test_two_poses_make_a_velocity_that_goes_on_until_the_timeout():
@@ -145,7 +149,7 @@ def test_a_lifetime_ends_and_begins_anew():
     world.step(9)
     assert len(world.obstacles) == 2
     world.step(1)
-    assert list(world.outside.guests) == [('b', 1)]
+    assert list(world.external_inputs.dynamic_obstacles) == [('b', 1)]
     world.change_obstacles([placement(key=('b', 1))])
     world.step(100)
     assert len(world.obstacles) == 1
@@ -153,17 +157,44 @@ def test_a_lifetime_ends_and_begins_anew():
 
 def test_there_is_a_most():
     world = floating(body())
-    world.change_obstacles([placement(key=('a', i)) for i in range(MOST_GUESTS + 5)])
-    assert len(world.obstacles) == MOST_GUESTS
-    world.change_obstacles([placement(key=('a', 3), position=(7.0, 0.0, 0.0)), Removal('a', 4)])
+    world.change_obstacles([placement(key=('a', i)) for i in range(MOST_DYNAMIC_OBSTACLES + 5)])
+    assert len(world.obstacles) == MOST_DYNAMIC_OBSTACLES
+    world.change_obstacles(
+        [placement(key=('a', 3), position=(7.0, 0.0, 0.0)), ObstacleRemoval('a', 4)]
+    )
     assert guest(world, ('a', 3)).position[0] == 7.0
     world.change_obstacles([placement(key=('new', 0))])
-    assert ('new', 0) in world.outside.guests
+    assert ('new', 0) in world.external_inputs.dynamic_obstacles
+
+
+BESIDE = (1.505, 0.0, 0.0)
+"""Where a box of half extent 1 is 5 mm from the resting ball."""
+
+
+def test_obstacles_far_from_a_sleeper_do_not_wake_it():
+    world = resting()
+    for x in (5.0, 5.1, 2.0):
+        world.change_obstacles([placement(position=(x, 0.0, 0.0))])
+        world.step(10)
+        assert world.is_asleep('body')
+    world.change_obstacles([ObstacleRemoval()])
+    assert world.is_asleep('body')
+
+
+def test_an_obstacle_wakes_where_it_was_and_where_it_is():
+    world = resting()
+    for x in (BESIDE[0], 5.0, BESIDE[0]):
+        world.change_obstacles([placement(position=(x, 0.0, 0.0))])
+        assert not world.is_asleep('body')
+        world.step(240)
+        assert world.is_asleep('body')
+    world.change_obstacles([ObstacleRemoval()])
+    assert not world.is_asleep('body')
 
 
 def test_only_what_is_noticed_wakes():
     world = resting()
-    here = placement(1.0, lifetime=240, position=(5.0, 0.0, 0.0))
+    here = placement(1.0, lifetime=240, position=BESIDE)
     world.change_obstacles([here])
     assert not world.is_asleep('body')
     world.step(240 - 1)
@@ -175,14 +206,15 @@ def test_only_what_is_noticed_wakes():
         assert world.is_asleep('body')
     assert bytes_of(world) == asleep
     world.step(140)  # its lifetime is over
-    assert not world.outside.guests
+    assert not world.external_inputs.dynamic_obstacles
     assert not world.is_asleep('body')
 
 
-def test_another_shape_at_the_same_place_wakes():
+def test_another_shape_beside_a_sleeper_wakes():
     world = resting()
     for size in (1.0, 1.5):
-        world.change_obstacles([placement(position=(5.0, 0.0, 0.0), size=(size, 1.0, 1.0))])
+        beside = (0.505 + size, 0.0, 0.0)
+        world.change_obstacles([placement(position=beside, size=(size, 1.0, 1.0))])
         assert not world.is_asleep('body')
         world.step(240)
         assert world.is_asleep('body')
@@ -312,7 +344,7 @@ def test_wrenches_add_up_and_replace_each_other():
     np.testing.assert_allclose(momentum(world, 'other'), [0.0, 0.0, 0.5], atol=1e-12)
     world.apply_wrench(None, zero, zero, 1.0)
     world.apply_wrench('one', zero, zero, 1.0)
-    assert not world.outside.wrenches
+    assert not world.external_inputs.wrenches
     world.step(60)
     np.testing.assert_allclose(momentum(world, 'one'), [0.0, 0.5, 1.0], atol=1e-12)
 
@@ -340,7 +372,7 @@ def test_an_unknown_body_is_refused():
     world = floating(body())
     with pytest.raises(ConfigError, match="no body 'boby': did you mean body"):
         world.apply_wrench('boby', (1.0, 0.0, 0.0), (0.0,) * 3, 1.0)
-    assert not world.outside.wrenches
+    assert not world.external_inputs.wrenches
 
 
 def test_shapes_without_inertia_can_be_turned_where_they_can():
@@ -452,7 +484,7 @@ def test_only_a_gravity_that_differs_wakes():
         world.step(10)
         assert world.is_asleep('body')
     world.step(240)  # back to the parameters, which say the same
-    assert world.outside.gravity is None
+    assert world.external_inputs.gravity is None
     assert world.is_asleep('body')
     world.override_gravity((0.0, 0.0, -9.0), 1.0)
     assert not world.is_asleep('body')
@@ -477,8 +509,8 @@ def everything(world):
 
 def state(world):
     guests = {
-        key: (item.obstacle.position.tobytes(), item.obstacle.rotation.tobytes(), item.stands_at)
-        for key, item in world.outside.guests.items()
+        key: (item.obstacle.position.tobytes(), item.obstacle.rotation.tobytes(), item.stops_at)
+        for key, item in world.external_inputs.dynamic_obstacles.items()
     }
     points = world.point_obstacles.points.tobytes()
     return world.tick, bytes_of(world), guests, points, world.gravity.tolist()
@@ -489,14 +521,14 @@ def test_a_snapshot_has_what_others_do():
     everything(world)
     world.step(30)
     snapshot, log = world.snapshot(), []
-    without = dataclasses.replace(snapshot, outside=Outside())
+    without = dataclasses.replace(snapshot, inputs=ExternalInputs())
     assert snapshot.nbytes - without.nbytes > world.point_obstacles.points.nbytes
     for _ in range(2):
         log.append([])
         for _ in range(10):
             log[-1].append(state(world))
             world.step(20)
-        world.change_obstacles([Removal()])
+        world.change_obstacles([ObstacleRemoval()])
         world.set_points(NO_POINTS)
         world.override_gravity((0.0, 0.0, 5.0), 9.0)
         world.apply_wrench(None, (9.0, 0.0, 0.0), (0.0,) * 3, 9.0)
@@ -510,15 +542,19 @@ def test_reset_keeps_what_is_in_the_way_and_ends_forces():
     world = World(WorldConfig(bodies=(body(position=(0.0, 0.0, 1.0)),)))
     everything(world)
     world.step(10)
-    there = world.outside.guests[KEY].obstacle.position.copy()
+    there = world.external_inputs.dynamic_obstacles[KEY].obstacle.position.copy()
     world.reset()
-    assert (world.tick, world.outside.wrenches, world.outside.gravity) == (0, {}, None)
+    assert (world.tick, world.external_inputs.wrenches, world.external_inputs.gravity) == (
+        0,
+        {},
+        None,
+    )
     assert len(world.point_obstacles) == 50
     assert guest(world).position == pytest.approx(there)
     world.step(89)  # of the 100 ticks of its life 10 were over
-    assert ('short', 1) in world.outside.guests
+    assert ('short', 1) in world.external_inputs.dynamic_obstacles
     world.step(1)
-    assert ('short', 1) not in world.outside.guests
+    assert ('short', 1) not in world.external_inputs.dynamic_obstacles
     world.step(60)
     assert not guest(world).moves
 
@@ -527,21 +563,10 @@ def test_reset_of_a_world_that_is_left_alone_is_a_fresh_start():
     world = World(WorldConfig(bodies=(body(position=(0.0, 0.0, 1.0)),)))
     everything(world)
     world.step(10)
-    world.change_obstacles([Removal()])
+    world.change_obstacles([ObstacleRemoval()])
     world.set_points(NO_POINTS)
     world.reset()
     fresh = World(world.config)
     for each in (world, fresh):
         each.step(240)
     assert bytes_of(world) == bytes_of(fresh)
-
-
-def test_float32_takes_part():
-    world = floating(body(mass=2.0), dtype=np.float32, gravity=1.0)
-    world.override_gravity((0.0, 0.0, 0.0), 1.0)
-    world.apply_wrench('body', (4.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.5)
-    world.step(60)
-    world.poke(world.positions('body')[0], 0.0, 0.1)
-    assert world.positions('body').dtype == np.float32
-    np.testing.assert_allclose(momentum(world), [1.0, 0.0, 0.0], atol=1e-4)
-    put(world, 'body', world.positions('body'))

@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The record of a body for kernels: indices into the arrays of a world, parameters, results.
+
+The particles of all bodies are columns of common arrays, body after body, so that one kernel call
+processes all bodies. Positions and velocities are double-buffered, (2, 3, N): `now` is the half
+that holds the state; a tick writes the other one, which becomes the state when it is complete.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+RIGID, LINEAR_MODE, QUADRATIC_MODE = 0, 1, 2
+"""Values of `mode`, in the order of `config.MODES`."""
+QUADRATIC_FEATURES = 9
+
+BODY = np.dtype(
+    [
+        # indices into the arrays of the world
+        ('first', np.int64),  # its first particle
+        ('count', np.int64),
+        ('now', np.int64),  # half of `x` and `v` that holds the state
+        ('shape', np.int64),  # its rest shape, in the table of rest shapes
+        ('matched', np.int64),  # the same with the weights of the match, where it has pins
+        ('first_match', np.int64),  # match of the whole body; those of its regions follow
+        ('regions', np.int64),  # their number K, or 0
+        ('first_pin', np.int64),
+        ('pins', np.int64),  # number of pinned particles
+        # parameters, as gains of one tick: see shape_matching/gains.py
+        ('mode', np.int64),
+        ('pull', np.float64, (2,)),  # of positions, and of velocities, 1/s
+        ('critical_pull', np.float64, (2,)),
+        ('deformation', np.float64, (2,)),
+        ('volume_conservation', np.float64, (2,)),
+        ('kept_velocity', np.float64),
+        ('yield_strain', np.float64),
+        ('creep', np.float64),
+        ('largest_strain', np.float64),
+        ('whole_body_weight', np.float64),
+        ('elasticity', np.float64),
+        ('bounciness', np.float64),
+        ('friction', np.float64),
+        ('coulomb', np.bool_),
+        ('thickness', np.float64),  # m
+        ('mass', np.float64),  # kg
+        ('pins_linear', np.float64, (3,)),  # m/s
+        ('pins_angular', np.float64, (3,)),  # rad/s
+        # applied wrench per mass, in world axes and in body axes: force, m/s², and torque, m²/s²
+        ('has_wrench', np.bool_),
+        ('wrench', np.float64, (2, 2, 3)),
+        ('is_plastic', np.bool_),  # whether it has permanent deformation
+        ('flowed', np.bool_),  # whether some is new in the tick being computed
+        # results of the tick
+        ('degeneracy', np.float64),  # 0 … 1, see shape_matching/matching.py
+        ('goal', np.float64, (1 + QUADRATIC_FEATURES, 3)),  # for velocities: centre, columns; m
+        ('centre', np.float64, (3,)),  # of mass, m
+        ('velocity', np.float64, (3,)),  # of the centre of mass, m/s
+        ('angular_momentum', np.float64, (3,)),  # about the centre of mass, per mass, m²/s
+        ('inverse_inertia', np.float64, (3, 3)),  # per mass, 1/m²
+        # of contacts: impulse, m/s, and its moment about the centre, m²/s, per mass
+        ('received', np.float64, (2, 3)),
+        ('load', np.float64, (3,)),  # acceleration by the weight of bodies on top of it, m/s²
+    ],
+    align=True,
+)
+"""One body."""

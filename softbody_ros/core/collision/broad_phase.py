@@ -1,0 +1,265 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Broad phase: particles and points in the bounding boxes of pieces of other bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.geometry.bounding_boxes import overlap
+from softbody_ros.core.geometry.vectors import Vector, dot, minus, norm, plus, vector_of
+
+SLACK = 1e-6
+"""Margin of boxes, in RMS radii, so that flush surfaces are found."""
+
+CANDIDATE = np.dtype(
+    [
+        ('body', np.int64),  # index into the awake bodies, followed by the sets of points
+        ('particle', np.int64),  # of the body, or point of the set
+        ('other', np.int64),  # index of the body whose faces it may penetrate
+        ('piece', np.int64),  # of that body
+        ('point', np.float64, (3,)),  # position of the particle, m
+        ('thickness', np.float64),  # of its body, m
+        ('allowance', np.float64),  # tolerated depth, in RMS radii of the other body
+    ],
+    align=True,
+)
+"""A particle or point in the bounding box of a piece of a body."""
+
+
+@kernel
+def bound_pieces(
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    surfaces: np.ndarray,
+    pieces: np.ndarray,
+    covered: np.ndarray,
+    x: np.ndarray,
+    margin: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    first: np.ndarray,
+    piece_low: np.ndarray,
+    piece_high: np.ndarray,
+) -> None:
+    """
+    Write the bounding boxes of the pieces of bodies.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+    awake : (A,) int
+        which of them
+    surfaces, pieces, covered
+        see `SurfaceArrays`
+    x : (2, 3, N) float
+        m
+    margin : (A,) float
+        m
+    low, high : (A, 3) float
+        bounding boxes of the bodies, m, used for bodies of one piece
+    first : (A + 1,) int
+        written: index of the first box of each body
+    piece_low, piece_high : (Q, 3) float
+        written: corners, m
+
+    """
+    box = 0
+    for place in range(len(awake)):
+        body = bodies[awake[place]]
+        surface = surfaces[body['shape']]
+        half, begin = 1 - body['now'], body['first']
+        first[place] = box
+        for number in range(surface['pieces']):
+            piece = pieces[surface['first_piece'] + number]
+            for axis in range(3):
+                least, largest = low[place, axis], high[place, axis]
+                if surface['pieces'] > 1:
+                    row = x[half, axis]
+                    least, largest = np.inf, -np.inf
+                    start = piece['first_covered']
+                    for index in range(start, start + piece['covered']):
+                        value = row[begin + covered[index]]
+                        least = value if value < least else least
+                        largest = value if value > largest else largest
+                    least, largest = least - margin[place], largest + margin[place]
+                piece_low[box, axis], piece_high[box, axis] = least, largest
+            box += 1
+    first[len(awake)] = box
+
+
+@kernel
+def find_particles(
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    surfaces: np.ndarray,
+    pieces: np.ndarray,
+    particles: np.ndarray,
+    may_collide: np.ndarray,
+    x: np.ndarray,
+    codes: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    first: np.ndarray,
+    piece_low: np.ndarray,
+    piece_high: np.ndarray,
+    candidates: np.ndarray,
+    involved: np.ndarray,
+) -> int:
+    """
+    Write the particles in boxes of pieces of other bodies, or of distant pieces of their own.
+
+    Parameters
+    ----------
+    codes : (p,) int
+        pairs of bodies whose boxes overlap, A times the first plus the second, in order
+    candidates : (q,) CANDIDATE
+        written, up to its capacity
+    involved : (A,) bool
+        set for bodies with a box that overlaps another
+    bodies, awake, surfaces, pieces, particles, may_collide, x, low, high, first, piece_low, \
+piece_high
+        see `bound_pieces`
+
+    Returns
+    -------
+    int
+        number of candidates, even beyond the capacity
+
+    """
+    found = 0
+    for code in codes:
+        one, two = code // len(awake), code % len(awake)
+        surface = surfaces[bodies[awake[one]]['shape']]
+        for a in range(first[one], first[one + 1]):
+            if not overlap(piece_low[a], piece_high[a], low[two], high[two]):
+                continue
+            for b in range(first[two], first[two + 1]):
+                if one == two:
+                    row, column = a - first[one], b - first[one]
+                    start = surface['first_may_collide']
+                    if b <= a or not may_collide[start + surface['pieces'] * row + column]:
+                        continue
+                if not overlap(piece_low[a], piece_high[a], piece_low[b], piece_high[b]):
+                    continue
+                involved[one] = involved[two] = True
+                for side in range(2):
+                    owner, own, other, box = one, a, two, b
+                    if side == 1:
+                        owner, own, other, box = two, b, one, a
+                    body = bodies[awake[owner]]
+                    first_piece = surfaces[body['shape']]['first_piece']
+                    piece = pieces[first_piece + own - first[owner]]
+                    # boxes include the thickness of their own bodies only
+                    reach = body['thickness']
+                    half, begin = 1 - body['now'], body['first']
+                    direction = minus(
+                        plus(vector_of(piece_low[own]), vector_of(piece_high[own])),
+                        plus(vector_of(piece_low[box]), vector_of(piece_high[box])),
+                    )
+                    limit, target = np.inf, bodies[awake[other]]
+                    if surfaces[target['shape']]['pieces'] == 1:
+                        # beyond the convex hull nothing is inside
+                        limit = extent_along(direction, target, x)
+                        limit += norm(direction) * (reach + target['thickness'])
+                    for index in range(piece['first'], piece['first'] + piece['count']):
+                        i = particles[index]
+                        column = begin + i
+                        point = (x[half, 0, column], x[half, 1, column], x[half, 2, column])
+                        if dot(direction, point) > limit:
+                            continue
+                        if not is_inside(point, piece_low[box], piece_high[box], reach):
+                            continue
+                        if found < len(candidates):
+                            candidate = candidates[found]
+                            candidate['body'], candidate['particle'] = owner, i
+                            candidate['other'], candidate['piece'] = other, box - first[other]
+                            for axis in range(3):
+                                candidate['point'][axis] = point[axis]
+                            candidate['thickness'], candidate['allowance'] = reach, 0.0
+                        found += 1
+    return found
+
+
+@kernel
+def find_points(
+    points: np.ndarray,
+    radius: float,
+    allowance: float,
+    number: int,
+    low: np.ndarray,
+    high: np.ndarray,
+    first: np.ndarray,
+    piece_low: np.ndarray,
+    piece_high: np.ndarray,
+    found: int,
+    candidates: np.ndarray,
+    involved: np.ndarray,
+) -> int:
+    """
+    Append the points of a set in boxes of pieces of bodies to `found` candidates.
+
+    Parameters
+    ----------
+    points : (k, 3) float
+        sorted along x, m
+    radius : float
+        of spheres about them, m
+    allowance : float
+        see CANDIDATE
+    number : int
+        of the set among bodies and sets
+    low, high, first, piece_low, piece_high, candidates, involved
+        see `find_particles`
+
+    """
+    for other in range(len(low)):
+        start, stop = 0, len(points)
+        while start < stop:
+            middle = (start + stop) // 2
+            if points[middle, 0] > low[other, 0] - radius:
+                stop = middle
+            else:
+                start = middle + 1
+        for i in range(start, len(points)):
+            point = (points[i, 0], points[i, 1], points[i, 2])
+            if not point[0] < high[other, 0] + radius:
+                break
+            if not is_inside(point, low[other], high[other], radius):
+                continue
+            for box in range(first[other], first[other + 1]):
+                if not is_inside(point, piece_low[box], piece_high[box], radius):
+                    continue
+                involved[other] = True
+                if found < len(candidates):
+                    candidate = candidates[found]
+                    candidate['body'], candidate['particle'] = number, i
+                    candidate['other'], candidate['piece'] = other, box - first[other]
+                    for axis in range(3):
+                        candidate['point'][axis] = point[axis]
+                    candidate['thickness'], candidate['allowance'] = radius, allowance
+                found += 1
+    return found
+
+
+@helper
+def is_inside(point, low, high, reach):  # type: ignore[no-untyped-def]
+    """Return whether a point is in a box with corners (3,) enlarged by a reach, m."""
+    for axis in range(3):
+        if not low[axis] - reach < point[axis] < high[axis] + reach:
+            return False
+    return True
+
+
+@helper
+def extent_along(direction: Vector, body: np.void, x: np.ndarray) -> float:
+    """Return the support of a body: the largest product of a direction with its positions, m²."""
+    half, first = 1 - body['now'], body['first']
+    end = first + body['count']
+    row, y, z = x[half, 0, first:end], x[half, 1, first:end], x[half, 2, first:end]
+    largest = -np.inf
+    for i in range(len(row)):
+        value = dot(direction, (row[i], y[i], z[i]))
+        largest = value if value > largest else largest
+    return largest

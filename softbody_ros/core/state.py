@@ -1,0 +1,273 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The state of all bodies as arrays, which a tick reads and writes.
+
+The particles of all bodies are columns of common arrays, body after body; so are the distinct rest
+shapes. So one kernel call processes all bodies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softbody_ros.core.body import BODY
+from softbody_ros.core.config import BodyConfig
+from softbody_ros.core.shape_matching.goals import fill_goals
+from softbody_ros.core.shape_matching.pins import Pins
+from softbody_ros.core.shape_matching.regions import REGION, Regions
+from softbody_ros.core.shape_matching.rest_shape import SHAPE, RestShape
+
+
+@dataclass
+class Body:
+    """One body: its settings, rest shape, regions and pins; its particles are in `State`."""
+
+    config: BodyConfig
+    rest: RestShape
+    regions: Regions | None = None
+    pins: Pins | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """
+    A copy of the state of one body of n particles with K regions.
+
+    Attributes
+    ----------
+    x, v : (3, n) float
+        m, m/s
+    stretch : (1 + K, 3, 3) float or None
+        plastic state of the whole body and its regions, None without permanent deformation
+    reaction : (2, 3) float
+        force, m/s², and torque about the centre of mass, m²/s², of all contacts, per mass
+    anchor : (3, n) float
+        positions at the last sample of its displacement, m
+    still_samples : int
+        consecutive samples at rest, see `sleeping`
+
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    stretch: np.ndarray | None
+    reaction: np.ndarray
+    anchor: np.ndarray
+    still_samples: int
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory."""
+        stretch = 0 if self.stretch is None else self.stretch.nbytes
+        return self.x.nbytes + self.v.nbytes + self.anchor.nbytes + stretch
+
+
+class ShapeTable:
+    """
+    Constants of the R distinct rest shapes of bodies, as arrays for kernels.
+
+    Parameters
+    ----------
+    bodies : iterable of Body
+
+    Attributes
+    ----------
+    rests : list of RestShape
+    regions_of : list of Regions or None
+        the regions of each of them
+    shapes : (R,) SHAPE
+    weights, q : (M,), (3, M) float
+        mass shares and rest positions of their particles
+    regions : (Q,) REGION
+    member, features, weighted_features : (m,) int, (4, m), (4, m) float
+        members of all regions, see `Regions`
+
+    """
+
+    def __init__(self, bodies: Iterable[Body]) -> None:
+        self.rests: list[RestShape] = []
+        self.regions_of: list[Regions | None] = []
+        self._row: dict[tuple[int, int], int] = {}
+        for body in bodies:
+            self._add(body.rest, body.regions)
+            if body.pins is not None:
+                self._add(body.pins.rest, body.pins.regions)
+        self.shapes = np.zeros(len(self.rests), SHAPE)
+        first = first_region = first_member = 0
+        records = [np.zeros(0, REGION)]
+        for row, (rest, regions) in enumerate(zip(self.rests, self.regions_of, strict=True)):
+            self.shapes[row] = rest.record()
+            shape = self.shapes[row]
+            shape['first'], first = first, first + rest.particle_count
+            shape['first_region'] = first_region
+            if regions is not None:
+                shape['regions'] = regions.count
+                first_region += regions.count
+                records.append(regions.records())
+                records[-1]['first'] += first_member
+                first_member += len(regions.particle)
+        divided = [regions for regions in self.regions_of if regions is not None]
+        self.regions = np.concatenate(records)
+        self.weights = np.concatenate([np.zeros(0), *(rest.weights for rest in self.rests)])
+        self.q = _side_by_side(3, [rest.q for rest in self.rests])
+        self.member = np.concatenate(
+            [np.zeros(0, np.int64), *(regions.particle for regions in divided)]
+        )
+        self.features = _side_by_side(4, [regions.features for regions in divided])
+        self.weighted_features = _side_by_side(
+            4, [regions.weighted_features for regions in divided]
+        )
+
+    def _add(self, rest: RestShape, regions: Regions | None) -> None:
+        key = (id(rest), id(regions))
+        if key not in self._row:
+            self._row[key] = len(self.rests)
+            self.rests.append(rest)
+            self.regions_of.append(regions)
+
+    def row(self, rest: RestShape, regions: Regions | None) -> int:
+        """Return the row of a rest shape."""
+        return self._row[id(rest), id(regions)]
+
+
+class State:
+    """
+    State of B bodies with N particles in all; S matches: of the bodies, and of their regions.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+
+    Attributes
+    ----------
+    bodies : (B,) BODY
+    table : ShapeTable
+        and its arrays: shapes, weights, q, regions, member, features, weighted_features
+    x, v : (2, 3, N) float
+        positions, m, and velocities, m/s, double-buffered: `now` of a body is the present half
+    region_goals : (3, N) float
+        goals by regions, m from an origin of the body
+    stretch : (2, S, 3, 3) float
+        plastic states, halves as in `x`
+    match_centre, match_posture : (S, 3), (S, 3, 3) float
+        centres, m, and linear maps of offsets, of the matched shapes at the last tick
+    goals : (3, N) float
+        goals for velocities, m, of the bodies for which `fill_goals` was called in this tick
+    pinned : (m,) int
+        pinned particles of all bodies, as columns of `x`
+    reaction : (B, 2, 3) float
+        force, m/s², and torque about the centre of mass, m²/s², of all contacts, per mass
+    anchor : (3, N) float
+    still_samples : (B,) int
+        see `BodyState`
+    scales : (B,) float
+        RMS radii of the rest shapes, m
+
+    """
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        self.bodies = np.zeros(len(bodies), BODY)
+        first = first_match = 0
+        for record, body in zip(self.bodies, bodies, strict=True):
+            count, regions = body.rest.particle_count, body.regions
+            record['first'], record['count'] = first, count
+            record['first_match'] = first_match
+            record['regions'] = regions.count if regions else 0
+            first, first_match = first + count, first_match + 1 + int(record['regions'])
+        any_regions = any(body.regions for body in bodies)
+        self.x, self.v = np.zeros((2, 3, first)), np.zeros((2, 3, first))
+        self.region_goals = np.zeros((3, first if any_regions else 0))
+        self.goals = np.zeros((3, 0))
+        self.stretch = np.empty((2, first_match, 3, 3))
+        self.stretch[:] = np.eye(3)
+        self.match_centre = np.zeros((first_match, 3))
+        self.match_posture = np.zeros((first_match, 3, 3))
+        self.reaction = np.zeros((len(bodies), 2, 3))
+        self.anchor = np.zeros((3, first))
+        self.still_samples = np.zeros(len(bodies), np.int64)
+        self.scales = np.array([body.rest.scale for body in bodies])
+        self.use_shapes(bodies)
+
+    def use_shapes(self, bodies: Sequence[Body]) -> None:
+        """Rebuild the tables of rest shapes and pins after changes of the bodies."""
+        self.table = table = ShapeTable(bodies)
+        self.rests, self.regions_of = table.rests, table.regions_of
+        self.shapes, self.weights, self.q = table.shapes, table.weights, table.q
+        self.regions, self.member = table.regions, table.member
+        self.features, self.weighted_features = table.features, table.weighted_features
+        pinned = [np.zeros(0, np.int64)]
+        first_pin = 0
+        for record, body in zip(self.bodies, bodies, strict=True):
+            record['shape'] = record['matched'] = table.row(body.rest, body.regions)
+            record['first_pin'], record['pins'] = first_pin, 0
+            if body.pins is not None:
+                if body.config.mode != 'rigid':
+                    record['matched'] = table.row(body.pins.rest, body.pins.regions)
+                record['pins'] = len(body.pins.particle)
+                pinned.append(record['first'] + body.pins.particle)
+                first_pin += len(body.pins.particle)
+        self.pinned = np.concatenate(pinned)
+
+    def fill_goals(self, chosen: np.ndarray) -> None:
+        """Write the goals of bodies (c,) int, after `predict_and_match`."""
+        if not self.goals.size:
+            self.goals = np.zeros(self.x.shape[1:])
+        fill_goals(self.bodies, chosen, self.shapes, self.q, self.region_goals, self.goals)
+
+    # --------------------------------------------------------------------------------- one body
+    def columns(self, index: int) -> slice:
+        """Return the columns of the particles of a body."""
+        first = int(self.bodies['first'][index])
+        return slice(first, first + int(self.bodies['count'][index]))
+
+    def positions(self, index: int) -> np.ndarray:
+        """Return a view of the positions (3, n) of a body, m."""
+        return self.x[self.bodies['now'][index], :, self.columns(index)]
+
+    def velocities(self, index: int) -> np.ndarray:
+        """Return a view of the velocities (3, n) of a body, m/s."""
+        return self.v[self.bodies['now'][index], :, self.columns(index)]
+
+    def _matches(self, index: int) -> slice:
+        first = int(self.bodies['first_match'][index])
+        return slice(first, first + 1 + int(self.bodies['regions'][index]))
+
+    def plastic_state(self, index: int) -> np.ndarray | None:
+        """Return the stretches (1 + K, 3, 3) of a body, None without permanent deformation."""
+        if not self.bodies['is_plastic'][index]:
+            return None
+        return self.stretch[self.bodies['now'][index], self._matches(index)]
+
+    def set_plastic_state(self, index: int, stretch: np.ndarray | None) -> None:
+        """Set the stretches of a body, see `plastic_state`."""
+        self.bodies['is_plastic'][index] = stretch is not None
+        self.stretch[:, self._matches(index)] = np.eye(3) if stretch is None else stretch
+
+    def save(self, index: int) -> BodyState:
+        """Return a copy of the state of a body."""
+        stretch = self.plastic_state(index)
+        return BodyState(
+            self.positions(index).copy(),
+            self.velocities(index).copy(),
+            None if stretch is None else stretch.copy(),
+            self.reaction[index].copy(),
+            self.anchor[:, self.columns(index)].copy(),
+            int(self.still_samples[index]),
+        )
+
+    def restore(self, index: int, saved: BodyState) -> None:
+        """Restore a saved state of a body."""
+        self.positions(index)[:], self.velocities(index)[:] = saved.x, saved.v
+        self.set_plastic_state(index, saved.stretch)
+        self.reaction[index] = saved.reaction
+        self.anchor[:, self.columns(index)] = saved.anchor
+        self.still_samples[index] = saved.still_samples
+
+
+def _side_by_side(rows: int, fields: Sequence[np.ndarray]) -> np.ndarray:
+    """Return fields (rows, n) concatenated along n, contiguous."""
+    return np.ascontiguousarray(np.concatenate([np.zeros((rows, 0)), *fields], axis=1))

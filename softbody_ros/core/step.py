@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""One tick of all awake bodies, as a sequence of its stages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from softbody_ros.core.collision.collision_surface import CollisionSurfaces
+from softbody_ros.core.collision.obstacle_contacts import CONTACT
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.collision.point_obstacles import PointObstacles
+from softbody_ros.core.compiled import kernel
+from softbody_ros.core.contact import body_body, rigid_obstacle, soft_obstacle
+from softbody_ros.core.contact.contact_state import FixedPoints
+from softbody_ros.core.geometry.bvh import Trees
+from softbody_ros.core.shape_matching import flight, pins
+from softbody_ros.core.state import Body, State
+
+CONTACTS_PER_PARTICLE = 3
+"""Capacity for contacts of a rigid body, per particle."""
+
+
+class SimulationError(ArithmeticError):
+    """A tick with a result that is not finite; the state before it is kept."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """
+    Gravity, obstacles and other surroundings of the bodies during a tick.
+
+    Attributes
+    ----------
+    gravity : (3,) float
+        m/s²
+    obstacles : sequence of Obstacle
+        at the end of the tick
+    records : (O,) OBSTACLE
+    trees : Trees
+        the obstacles for kernels
+    points : PointObstacles
+    surfaces : CollisionSurfaces
+        of all rest shapes
+
+    """
+
+    gravity: np.ndarray
+    obstacles: Sequence[Obstacle]
+    records: np.ndarray
+    trees: Trees
+    points: PointObstacles
+    surfaces: CollisionSurfaces
+
+    @cached_property
+    def fixed_points(self) -> list[FixedPoints]:
+        """Immovable points: those received, and those along edges of obstacles."""
+        still = np.zeros(3)
+        sets = [(self.points, still, still, still, False)] if len(self.points) else []
+        for obstacle in self.obstacles:
+            if obstacle.config.type != 'plane':
+                linear = np.array(obstacle.config.velocity_linear)
+                angular = np.array(obstacle.config.velocity_angular)
+                sets.append((obstacle.edge_points, obstacle.position, linear, angular, True))
+        return [
+            FixedPoints(each.points_along_x, each.radius, centre, linear, angular, is_edge)
+            for each, centre, linear, angular, is_edge in sets
+        ]
+
+
+class Integrator:
+    """
+    Advances a state by ticks; owns their scratch memory.
+
+    Parameters
+    ----------
+    state : State
+    bodies : sequence of Body
+        those of the state
+
+    """
+
+    def __init__(self, state: State, bodies: Sequence[Body]) -> None:
+        self._state, self._bodies = state, bodies
+        most = int(state.bodies['count'].max(initial=0))
+        self._contacts = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT)
+        self._scratch = np.empty((4, len(self._contacts)))
+        self.update()
+
+    def update(self) -> None:
+        """Update what depends on the modes and pins of the bodies, after they change."""
+        mode = self._state.bodies['mode']
+        pinned = np.flatnonzero(self._state.bodies['pins'])
+        self._any_rigid, self._any_soft = bool((mode == 0).any()), bool((mode != 0).any())
+        self._pinned_soft = pinned[mode[pinned] != 0]
+        self._pinned_rigid = pinned[mode[pinned] == 0]
+        # whether collisions between bodies, or self-collisions, are possible
+        self._any_pairs = len(mode) > 1 or bool((self._state.bodies['regions'] > 1).any())
+
+    def take_tick(self, awake: np.ndarray, environment: Environment, h: float) -> None:
+        """
+        Advance the awake bodies by a tick.
+
+        Parameters
+        ----------
+        awake : (A,) int
+            in order
+        environment : Environment
+        h : float
+            s
+
+        Raises
+        ------
+        SimulationError
+            with the body as `args[1]`, if a position or velocity is not finite; the state is not
+            changed then.
+
+        """
+        state, gravity = self._state, environment.gravity
+        self._predict_and_match(awake, gravity, h)
+        if self._any_pairs or environment.fixed_points:
+            body_body.resolve_body_contacts(
+                state, awake, environment.surfaces, environment.fixed_points,
+                lambda chosen: self.standing(chosen, environment), gravity, h,
+            )  # fmt: skip
+        if len(environment.records):
+            self.resolve_obstacle_contacts(awake, environment, h)
+        self._hold_pins(awake, h)
+        accept(state.bodies, awake, h, state.reaction)
+
+    def resolve_obstacle_contacts(
+        self, awake: np.ndarray, environment: Environment, h: float
+    ) -> None:
+        """Resolve the contacts of bodies (A,) with obstacles, see `take_tick`."""
+        state, gravity = self._state, environment.gravity
+        if self._any_soft:
+            soft_obstacle.resolve(
+                state.bodies, awake, state.shapes, state.weights, state.q, state.x, state.v,
+                state.region_goals, environment.records, environment.trees, gravity, h,
+                self._contacts, self._scratch,
+            )  # fmt: skip
+        if self._any_rigid:
+            rigid_obstacle.resolve(
+                state.bodies, awake, state.x, state.v, environment.records, environment.trees,
+                gravity, h, self._contacts, self._scratch,
+            )  # fmt: skip
+
+    def _predict_and_match(self, awake: np.ndarray, gravity: np.ndarray, h: float) -> None:
+        state = self._state
+        failed = flight.predict_and_match(
+            state.bodies, awake, state.shapes, state.weights, state.q, state.regions,
+            state.member, state.features, state.weighted_features, state.x, state.v,
+            state.region_goals, state.stretch, state.match_centre, state.match_posture, gravity, h,
+        )  # fmt: skip
+        if failed:
+            body = self._bodies[failed - 1].config.name
+            raise SimulationError('a position or velocity is not finite any more', body)
+
+    def standing(self, chosen: np.ndarray, environment: Environment) -> np.ndarray:
+        """Return the contacts of bodies with obstacles before their resolution: (s,) STANDING."""
+        state = self._state
+        standing = np.empty(256, soft_obstacle.STANDING)
+        while True:
+            found = soft_obstacle.find_standing(
+                state.bodies, chosen, state.shapes, state.q, state.x, state.region_goals,
+                environment.records, environment.trees, self._contacts, standing,
+            )  # fmt: skip
+            if found <= len(standing):
+                return standing[:found]
+            standing = np.empty(found, soft_obstacle.STANDING)
+
+    def _hold_pins(self, awake: np.ndarray, h: float) -> None:
+        state = self._state
+        if len(self._pinned_soft):
+            pinned = np.intersect1d(self._pinned_soft, awake)
+            pins.hold(state.bodies, pinned, state.pinned, state.x, state.v, h)
+        if len(self._pinned_rigid):
+            for index in np.intersect1d(self._pinned_rigid, awake).tolist():
+                now, columns = state.bodies['now'][index], state.columns(index)
+                body = self._bodies[index]
+                assert body.pins is not None
+                pins.hold_rigid_body(
+                    state.x[now, :, columns], state.x[1 - now, :, columns],
+                    state.v[1 - now, :, columns], body.pins, body.rest, h,
+                )  # fmt: skip
+
+
+@kernel
+def accept(bodies: np.ndarray, awake: np.ndarray, h: float, reaction: np.ndarray) -> None:
+    """Make the computed halves the state, and write contact wrenches per mass (B, 2, 3)."""
+    for index in range(len(awake)):
+        body = bodies[awake[index]]
+        body['now'] = 1 - body['now']
+        body['is_plastic'] = body['is_plastic'] or body['flowed']
+        for row in range(2):
+            for axis in range(3):
+                reaction[awake[index], row, axis] = body['received'][row, axis] / h

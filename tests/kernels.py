@@ -1,0 +1,361 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Functions that only kernels call, for arrays from Python: a kernel each that goes over rows."""
+
+import numpy as np
+
+from softbody_ros.core.body import BODY
+from softbody_ros.core.collision.obstacle_contacts import CONTACT, find_contacts
+from softbody_ros.core.collision.obstacles import ObstacleTable
+from softbody_ros.core.compiled import kernel
+from softbody_ros.core.contact import rigid_obstacle, soft_obstacle
+from softbody_ros.core.geometry import small_systems
+from softbody_ros.core.geometry.vectors import (
+    matrix_of,
+    put_column,
+    put_matrix,
+    put_vector,
+    vector_of,
+)
+from softbody_ros.core.shape_matching import flight, matching, plasticity, regions
+from softbody_ros.core.shape_matching import polar_decomposition as polar
+from softbody_ros.core.shape_matching.gains import put_gains
+from softbody_ros.core.shape_matching.goals import goal_of
+
+
+def over(function, arrays, *others, out):
+    """Call a kernel with arrays (…, rows, columns) as stacks, and return what it writes."""
+    lead = np.shape(arrays[0])[:-2]
+    stacks = [np.ascontiguousarray(a, float).reshape(-1, *np.shape(a)[-2:]) for a in arrays]
+    result = np.empty((len(stacks[0]), *out))
+    function(*stacks, *others, result)
+    return result.reshape(*lead, *out)
+
+
+# -------------------------------------------------------------------------------------- matching
+def transposed(transform):
+    """Return transforms (…, 3, F) as kernels have them, (…, F, 3), and back."""
+    return np.ascontiguousarray(np.swapaxes(transform, -1, -2))
+
+
+def moments(x, rest, features):
+    """Return the centres (B, 3) and moments (B, 3, features) of positions x (B, 3, n)."""
+    centre = x @ rest.weights
+    f = rest.features[1 : 1 + features]
+    return centre, (x - centre[..., None]) @ (f * rest.weights).T / rest.scale
+
+
+@kernel
+def fits(moment, undeformed, shape, result):
+    for k in range(len(moment)):
+        matching.fit(moment[k], matrix_of(undeformed[k]), shape[0], result[k])
+
+
+def fit(moment, undeformed, rest):
+    """Return the transforms (B, 3, F) nearest to particles with moments (B, 3, F)."""
+    out = moment.shape[-1], 3
+    rows = transposed(moment), np.broadcast_to(undeformed, (*moment.shape[:-1], 3))
+    return transposed(over(fits, rows, rest.record()[None], out=out))
+
+
+@kernel
+def gradients(transform, shape, result):
+    for k in range(len(transform)):
+        if transform.shape[1] == 3:
+            matching.volume_gradient(transform[k], shape[0]['volume_linear'], result[k])
+        else:
+            matching.volume_gradient(transform[k], shape[0]['volume_quadratic'], result[k])
+
+
+def volume_gradient(transform, rest):
+    """Return the derivatives (B, 3, F) of the relative volume of transforms (B, 3, F)."""
+    rows = transposed(transform)
+    return transposed(over(gradients, [rows], rest.record()[None], out=rows.shape[-2:]))
+
+
+def relative_volume(transform, rest):
+    """Return the volumes (B,) of transforms (B, 3, F), as multiples of the rest volume."""
+    return np.sum(volume_gradient(transform, rest) * transform, axis=(-2, -1)) / 3.0
+
+
+@kernel
+def nearest_volumes(transform, shape, result):
+    scratch = np.empty((2, transform.shape[1], 3))
+    for k in range(len(transform)):
+        result[k, -1, 0] = matching.move_to_rest_volume(
+            transform[k], shape[0], result[k, :-1], scratch[0], scratch[1]
+        )
+
+
+def of_rest_volume(transform, rest):
+    """Return the nearest transforms (B, 3, F) of relative volume 1, and the volumes before."""
+    rows = transposed(transform)
+    out = rows.shape[-2] + 1, 3
+    result = over(nearest_volumes, [rows], rest.record()[None], out=out)
+    return transposed(result[..., :-1, :]), result[..., -1, 0]
+
+
+@kernel
+def all_degeneracies(transform, volume, result):
+    for k in range(len(transform)):
+        elastic = matching.linear_block(transform[k])
+        result[k, 0, 0] = matching.degeneracy_of(transform[k], elastic, volume[k, 0, 0])
+
+
+def degeneracy(transform, volume):
+    """Return how far (B,) transforms (B, 3, F) are beyond what a goal can follow."""
+    rows = transposed(transform), np.asarray(volume)[..., None, None]
+    return over(all_degeneracies, rows, out=(1, 1))[..., 0, 0]
+
+
+@kernel
+def blends(fitted, undeformed, beta, result):
+    for k in range(len(fitted)):
+        matching.blend(
+            fitted[k], fitted[k], 0.0, beta[k, 0, 0], matrix_of(undeformed[k]), result[k]
+        )
+
+
+def blended(fitted, undeformed, beta):
+    """Return β · fit + (1 − β) [R 0 0] of fits (B, 3, F)."""
+    rows = transposed(fitted)
+    stacks = rows, undeformed, np.asarray(beta)[..., None, None]
+    return transposed(over(blends, stacks, out=rows.shape[-2:]))
+
+
+def goals(centre, transform, rest):
+    """Return the goals (B, 3, n) of transforms (B, 3, F) about centres (B, 3)."""
+    features = rest.features[1 : 1 + transform.shape[-1]]
+    return centre[..., None] + rest.scale * transform @ features
+
+
+def padded(transform):
+    """Return linear transforms (B, 3, 3) as those of all nine features."""
+    wide = np.zeros((*transform.shape[:-1], 9))
+    wide[..., : transform.shape[-1]] = transform
+    return wide
+
+
+# ---------------------------------------------------------------------------------- small matrices
+@kernel
+def inverses(matrices, cut, least, result):
+    for k in range(len(matrices)):
+        put_matrix(result[k], polar.symmetric_inverse(matrix_of(matrices[k]), cut, least))
+
+
+def symmetric_inverse(matrices, cut, least):
+    """Return the pseudo-inverses of positive semidefinite matrices (…, 3, 3)."""
+    return over(inverses, [matrices], cut, least, out=(3, 3))
+
+
+@kernel
+def all_orthogonal_columns(matrices, result):
+    for k in range(len(matrices)):
+        columns, v = polar.orthogonal_columns(matrix_of(matrices[k]))
+        for i in range(3):
+            put_column(result[k, :3], i, columns[i])
+            put_column(result[k, 3:], i, v[i])
+
+
+def orthogonal_columns(matrices):
+    """Return M V, with columns that are orthogonal, and the rotations V of M (…, 3, 3)."""
+    result = over(all_orthogonal_columns, [matrices], out=(6, 3))
+    return result[..., :3, :], result[..., 3:, :]
+
+
+@kernel
+def least_rotations(pairs, result):
+    for k in range(len(pairs)):
+        one, two = vector_of(pairs[k, 0]), vector_of(pairs[k, 1])
+        put_matrix(result[k], polar.least_rotation(one, two))
+
+
+def least_rotation(a, b):
+    """Return the rotations (k, 3, 3) by the least angles that take unit vectors (k, 3) to b."""
+    return over(least_rotations, [np.stack([a, b], axis=1)], out=(3, 3))
+
+
+@kernel
+def rotations_by_vectors(vectors, result):
+    for k in range(len(vectors)):
+        put_matrix(result[k], polar.rotation_by_vector(vector_of(vectors[k, 0])))
+
+
+def rotation_by_vector(a):
+    """Return the rotations (k, 3, 3) by vectors (k, 3)."""
+    return over(rotations_by_vectors, [a[:, None]], out=(3, 3))
+
+
+@kernel
+def cube_roots(values, result):
+    for k in range(len(values)):
+        result[k] = matching.cube_root(values[k])
+
+
+# ----------------------------------------------------------------------------------- small systems
+@kernel
+def diagonalise(matrix, vectors):
+    small_systems.eigen(matrix, vectors)
+
+
+def eigen(matrix):
+    """Return the eigenvalues (n,) and eigenvectors, as rows, of a symmetric matrix (n, n)."""
+    values, vectors = np.array(matrix, dtype=float), np.empty_like(matrix, dtype=float)
+    diagonalise(values, vectors)
+    return np.diagonal(values), vectors
+
+
+@kernel
+def find_least_vector(rows, needed, met, impulse):
+    small_systems.least_vector(rows, needed, met, impulse)
+
+
+def least_vector(rows, needed, met=1e-9):
+    """Return λ ≥ 0 (k,) such that u = λ · rows is the shortest with rows · u ≥ needed."""
+    impulse = np.empty(len(rows))
+    find_least_vector(rows, needed, met, impulse)
+    return impulse
+
+
+@kernel
+def find_hold(rows, inverse, sliding, given):
+    rigid_obstacle.hold(rows, matrix_of(inverse), sliding, given)
+
+
+def hold(rows, inverse, sliding):
+    """Return the least impulses (k,) that stop the sliding (k,) along wrenches (k, 6)."""
+    given = np.empty(len(rows))
+    find_hold(rows, inverse, sliding, given)
+    return given
+
+
+# -------------------------------------------------------------------------------------- plasticity
+@kernel
+def all_flowed(stretch, strained, limits, result):
+    for k in range(len(stretch)):
+        _, plastic = plasticity.flowed(
+            matrix_of(stretch[k]),
+            matrix_of(strained[k]),
+            limits[k, 0, 0],
+            limits[k, 0, 1],
+            limits[k, 0, 2],
+        )
+        put_matrix(result[k], plastic)
+
+
+def flowed(stretch, strained, yield_strain, creeping, largest_strain):
+    """Return the plastic states (…, 3, 3) after a tick, for limits (…)."""
+    limits = np.stack(
+        np.broadcast_arrays(yield_strain, creeping, largest_strain, stretch[..., 0, 0])[:3], -1
+    )
+    return over(all_flowed, (stretch, strained[..., :3], limits[..., None, :]), out=(3, 3))
+
+
+@kernel
+def all_undeformed(moment, stretch, result):
+    for k in range(len(moment)):
+        plastic = matrix_of(stretch[k])
+        put_matrix(result[k], plasticity.undeformed_of(matrix_of(moment[k]), plastic, True))
+
+
+def undeformed(moment, stretch):
+    """Return the goals without elastic deformation, R S_p, of moments (…, 3, F)."""
+    return over(all_undeformed, (moment[..., :3], stretch), out=(3, 3))
+
+
+# ----------------------------------------------------------------------------------------- regions
+@kernel
+def match_each(x, records, member, features, weighted, scale, centre, moment, posture, place):
+    for k in range(len(records)):
+        a, c = regions.region_moment(records[k], member, weighted, x, 0)
+        put_vector(centre[k], vector_of(np.array(c) / records[k]['mass']))
+        put_matrix(moment[k], matrix_of(np.array(a) / scale))
+        rotation = polar.rotation_of(matrix_of(moment[k]))
+        put_matrix(posture[k], rotation)
+        regions.add_region_goals(
+            records[k], member, features, vector_of(centre[k]),
+            matrix_of(scale * posture[k]), place, 0,
+        )  # fmt: skip
+
+
+def match_regions(x, parts, rest):
+    """Return centres (K, 3), moments (K, 3, 3) and goals (3, n) of regions at x (3, n)."""
+    count = parts.count
+    centre, moment, posture = (
+        np.empty((count, 3)),
+        np.empty((count, 3, 3)),
+        np.empty((count, 3, 3)),
+    )
+    place = np.zeros(x.shape)
+    match_each(
+        np.ascontiguousarray(x), parts.records(), parts.particle, parts.features,
+        parts.weighted_features, rest.scale, centre, moment, posture, place,
+    )  # fmt: skip
+    return centre, moment, place
+
+
+@kernel
+def all_goals(body, shape, q, region_goals, result):
+    for i in range(result.shape[1]):
+        put_column(result, i, goal_of(body[0], shape[0], q, region_goals, i))
+
+
+def goals_at(world, index, x):
+    """Return the goals for velocities (3, n) of a body of a world at rest at x (3, n)."""
+    state, record = world._state, world._state.bodies[index : index + 1]
+    state.positions(index)[:], state.velocities(index)[:] = x, 0.0
+    failed = flight.predict_and_match(
+        state.bodies, np.array([index]), state.shapes, state.weights, state.q, state.regions,
+        state.member, state.features, state.weighted_features, state.x, state.v,
+        state.region_goals, state.stretch, state.match_centre, state.match_posture, np.zeros(3),
+        1e-12,
+    )  # fmt: skip
+    assert not failed
+    result = np.empty_like(state.positions(index))
+    shape = state.shapes[record[0]['matched'] :][:1]
+    all_goals(record, shape, state.q, state.region_goals, result)
+    return result
+
+
+# ----------------------------------------------------------------------------------------- contact
+@kernel
+def collide_one(body, obstacles, trees, start, x, v, h, contacts):
+    found = find_contacts(
+        obstacles[0], trees, x, start, 0, 1, body[0]['thickness'], False, contacts, 0
+    )
+    if found:
+        soft_obstacle.collide(body[0], contacts[0], start, x, v, 0, 0.0, h)
+    return found
+
+
+def collided(config, obstacle, position, velocity, h, reference_step):
+    """Return position and velocity of a particle after its contact with an obstacle."""
+    body = np.zeros(1, BODY)
+    put_gains(body[0], config, h, reference_step)
+    x, v = (np.array(each, dtype=float).reshape(3, 1) for each in (position, velocity))
+    table, contacts = ObstacleTable().refresh((obstacle,)), np.zeros(1, CONTACT)
+    collide_one(body, *table, x.copy(), x, v, h, contacts)
+    return x[:, 0], v[:, 0]
+
+
+@kernel
+def depth_of_goal(obstacles, trees, start, x, sweep, goal, contacts):
+    found = find_contacts(obstacles[0], trees, x, start, 0, 1, 0.0, sweep, contacts, 0)
+    depth = 0.0
+    if found:
+        depth = soft_obstacle.goal_depth(contacts[0], obstacles[0], trees, vector_of(goal), 0.0)
+    return found, depth
+
+
+def goal_depth(obstacle, x, goal, start=None):
+    """Return the contact of a particle that has come from a start, and how deep its goal is."""
+    contacts = np.zeros(1, CONTACT)
+    x, goal, before = (
+        np.array(each, dtype=float) for each in (x, goal, x if start is None else start)
+    )
+    found, depth = depth_of_goal(
+        *ObstacleTable().refresh((obstacle,)), before.reshape(3, 1), x.reshape(3, 1),
+        start is not None, goal, contacts,
+    )  # fmt: skip
+    assert found == 1
+    return contacts[0], depth
