@@ -30,3 +30,18 @@ def test_core_benchmark_measures_a_ball_that_falls_and_lies(tmp_path):
 def test_scaling_benchmark_measures_one_body():
     table = run('scaling.py')
     assert '| 92 | ' in table and '| 162 | ' in table
+
+
+def test_contact_battery_measures_every_scene():
+    tables = run('contact_battery.py')
+    scenes = [line for line in tables.splitlines() if line.startswith('### ')]
+    assert len(scenes) > 20 and tables.count('targets met') == len(scenes)
+    assert 'stopped by an error' not in tables
+
+
+def test_contact_battery_finds_what_is_known(tmp_path):
+    scenes, file = ['elevator', 'collision', 'tumbling', 'release'], tmp_path / 'rows.json'
+    run('contact_battery.py', *scenes, '--step', '1000', '--json', file)
+    rows = json.loads(file.read_text())
+    assert [row['scene'] for row in rows] == scenes
+    assert all(measured['met'] for row in rows for measured in row['measured'].values())
