@@ -34,8 +34,8 @@ SHEET = Surface(
 )
 ROD = Surface(np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0)]), np.zeros((0, 3), int))
 SECOND_PROCESS = """
-from softbody_ros.core.warm_up import compile_obstacle_contacts
-compile_obstacle_contacts({parent})
+from softbody_ros.core.warm_up import compile_other_half
+compile_other_half({parent})
 """
 BODIES: tuple[dict, ...] = (
     {'mode': 'rigid'},
@@ -141,11 +141,11 @@ def _processors() -> int:
     return os.cpu_count() or 1
 
 
-def compile_obstacle_contacts(parent: int) -> None:
+def compile_other_half(parent: int) -> None:
     """
-    Compile what a tick can be without its first half, as long as the parent process lives.
+    Compile all but shape matching and what needs its results, as long as the parent lives.
 
-    Shape matching, and contact between bodies, which needs its results, take as long.
+    These, to match shapes and to resolve contacts between bodies, take as long as the others.
     """
 
     def note(_: float) -> None:
@@ -153,20 +153,20 @@ def compile_obstacle_contacts(parent: int) -> None:
             raise KeyboardInterrupt
 
     with suppress(KeyboardInterrupt), compiled.compilations(note):
-        nobody = np.zeros(0, np.int64)
-        for mode in ('rigid', 'linear'):
-            config = WorldConfig(bodies=(_body(0, (0.0, 0.0, 1.0), mode=mode),))
-            world = World(config)
-            integrator, environment = world._integrator, world._environment
-            integrator.resolve_obstacle_contacts(nobody, environment, config.time_step)
-        integrator.standing(nobody, environment)
+        world, nobody = everything(), np.zeros(0, np.int64)
+        integrator, environment = world._integrator, world._environment
         world._update_sleep()
+        integrator.resolve_obstacle_contacts(nobody, environment, world.config.time_step)
+        integrator.standing(nobody, environment)
         world.rigid_fit(world.names[0])
         world.poke(world.positions(world.names[0])[0], 0.1, 0.5)
 
 
 def warm_up() -> None:
     """Run every kernel: step small worlds in which everything happens that happens in worlds."""
+    # first what takes longest and is not left to a second process
+    World(WorldConfig(bodies=(_body(0, (0.0, 0.0, 1.0)),), obstacles=())).step()
+
     world = everything()
     world.step(2)
     before = world.snapshot()
