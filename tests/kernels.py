@@ -218,14 +218,14 @@ def least_vector(rows, needed, met=1e-9):
 
 
 @kernel
-def find_hold(rows, inverse, sliding, given):
-    rigid_obstacle.hold(rows, matrix_of(inverse), sliding, given)
+def find_stop_sliding(rows, inverse, sliding, given):
+    rigid_obstacle.stop_sliding(rows, matrix_of(inverse), sliding, given)
 
 
-def hold(rows, inverse, sliding):
+def stop_sliding(rows, inverse, sliding):
     """Return the least impulses (k,) that stop the sliding (k,) along wrenches (k, 6)."""
     given = np.empty(len(rows))
-    find_hold(rows, inverse, sliding, given)
+    find_stop_sliding(rows, inverse, sliding, given)
     return given
 
 

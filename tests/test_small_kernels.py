@@ -5,11 +5,11 @@
 from kernels import (
     cube_roots,
     eigen,
-    hold,
     least_rotation,
     least_vector,
     orthogonal_columns,
     rotation_by_vector,
+    stop_sliding,
 )
 import numpy as np
 import pytest
@@ -187,7 +187,7 @@ def test_of_what_cannot_be_met_a_finite_vector_is_found(count):
 
 @pytest.mark.parametrize('count', [1, 2, 3, 10])
 @pytest.mark.parametrize('values', [(3.0, 1.0, 0.5), (1.0, 1.0, 1.0), (2.0, 2.0, 0.0)])
-def test_the_impulses_that_hold_are_the_least_of_those_that_leave_the_least_sliding(count, values):
+def test_impulses_that_stop_sliding_are_the_least_that_leave_least_sliding(count, values):
     """As least squares find them: of all that leave as little sliding, those of least norm."""
     random = np.random.default_rng(count)
     inverse = symmetric(np.array(values), seed=1)
@@ -201,7 +201,7 @@ def test_the_impulses_that_hold_are_the_least_of_those_that_leave_the_least_slid
     mobility[:3, :3], mobility[3:, 3:] = np.eye(3), inverse
     response = rows @ mobility @ rows.T
     expected = np.linalg.lstsq(response, sliding, rcond=1e-11)[0]
-    found = hold(rows, inverse, sliding)
+    found = stop_sliding(rows, inverse, sliding)
     assert found == pytest.approx(expected, rel=1e-8, abs=1e-8 * np.abs(expected).max())
 
 
