@@ -3,6 +3,7 @@
 """The hot loops over particles consist of vector instructions, lest that is lost silently."""
 
 from compiled_code import vector_instructions
+import llvmlite.binding
 import numpy as np
 import pytest
 
@@ -71,10 +72,14 @@ OPERATIONS = {
     'add_rigid_displacement': 12,
 }
 """Of floats, about, for one particle: as vectors there are at least as many instructions."""
+MANY_ARRAYS = {'add_rigid_displacement'}
+"""More than the oldest supported compiler checks for overlap: it leaves this loop scalar."""
 
 
 @pytest.mark.parametrize('loop', ROWS, ids=lambda loop: loop.__name__)
 def test_a_hot_loop_is_vectorised(loop):
+    if loop.__name__ in MANY_ARRAYS and llvmlite.binding.llvm_version_info < (15,):
+        pytest.skip('six arrays are too many for LLVM 14: other loops tell whether it vectorises')
     loop(*(np.ones(shape) for shape in ROWS[loop]))
     assert vector_instructions(loop) >= OPERATIONS[loop.__name__]
 
