@@ -105,12 +105,27 @@ def find_all(
     """Write the contacts of a body with all obstacles, and return their number."""
     found = 0
     for number in range(len(obstacles)):
-        if is_near(body, start, x, obstacles[number]):
-            found = find_contacts(
-                obstacles[number], trees, x, start, body['first'], body['count'],
-                body['thickness'], True, contacts, found,
-            )  # fmt: skip
+        found = find_with(body, start, x, obstacles[number], trees, contacts, found)
     return min(found, len(contacts))
+
+
+@helper
+def find_with(
+    body: np.void,
+    start: np.ndarray,
+    x: np.ndarray,
+    obstacle: np.void,
+    trees: Trees,
+    contacts: np.ndarray,
+    found: int,
+) -> int:
+    """Append the contacts of a body with one obstacle, and return the number of all."""
+    if not is_near(body, start, x, obstacle):
+        return found
+    return find_contacts(
+        obstacle, trees, x, start, body['first'], body['count'], body['thickness'], True,
+        contacts, found,
+    )  # fmt: skip
 
 
 @helper
@@ -520,12 +535,7 @@ def correct_position(
     for _ in range(CORRECTION_ROUNDS):
         touched = False
         for number in range(len(obstacles)):
-            if not is_near(body, start, x, obstacles[number]):
-                continue
-            found = find_contacts(
-                obstacles[number], trees, x, start, first, count, body['thickness'], True,
-                contacts, 0,
-            )  # fmt: skip
+            found = find_with(body, start, x, obstacles[number], trees, contacts, 0)
             if found == 0:
                 continue
             touched, deepest = True, 0

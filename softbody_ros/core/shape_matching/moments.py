@@ -168,6 +168,23 @@ def add_row(transform: np.ndarray, f: int, a: Vector) -> None:
 
 
 @helper
+def subtract_means(transform: np.ndarray, shape: np.void, mean: Vector) -> None:
+    """Complete Σ w f a (F, 3) of products f: features are products minus their means."""
+    for f in range(LINEAR, len(transform)):
+        add_row(transform, f, scaled(-shape['feature_means'][f], mean))
+
+
+@helper
+def symmetric(upper: Vector, lower: Vector) -> Matrix:
+    """Return the matrix of its elements 00, 01, 02 and 11, 12, 22."""
+    return (
+        (upper[0], upper[1], upper[2]),
+        (upper[1], lower[0], lower[1]),
+        (upper[2], lower[1], lower[2]),
+    )
+
+
+@helper
 def particle_sums(
     x: np.ndarray,
     v: np.ndarray,
@@ -203,16 +220,9 @@ def particle_sums(
             of_y, of_v = moments_of_tile(y, u, w, feature_row(rest_q, f, tile[3, : stop - start]))
             add_row(yf, f, of_y)
             add_row(vf, f, of_v)
-    # features are products minus their means
-    for f in range(LINEAR, len(yf)):
-        add_row(yf, f, scaled(-shape['feature_means'][f], mean_y))
-        add_row(vf, f, scaled(-shape['feature_means'][f], mean_v))
-    yy = (
-        (upper[0], upper[1], upper[2]),
-        (upper[1], lower[0], lower[1]),
-        (upper[2], lower[1], lower[2]),
-    )
-    return Sums(mean_y, mean_v, yy, yxv)
+    subtract_means(yf, shape, mean_y)
+    subtract_means(vf, shape, mean_v)
+    return Sums(mean_y, mean_v, symmetric(upper, lower), yxv)
 
 
 @helper
@@ -255,19 +265,13 @@ def region_sums(
         predict(rows(x, start, stop), u, offset, h, y)
         of_p, of_v, upper, lower, angular = sums_of_tile(p, u, w)
         mean, velocity, pxv = plus(mean, of_p), plus(velocity, of_v), plus(pxv, angular)
-        square = (
-            (upper[0], upper[1], upper[2]),
-            (upper[1], lower[0], lower[1]),
-            (upper[2], lower[1], lower[2]),
-        )
-        pp = added(pp, square)
+        pp = added(pp, symmetric(upper, lower))
         mixed, of_y = products_of_tile(p, y, w)
         py, y_mean = added(py, mixed), plus(y_mean, of_y)
         for f in range(len(pf)):
             of_p, _ = moments_of_tile(p, u, w, feature_row(rest_q, f, tile[3, : stop - start]))
             add_row(pf, f, of_p)
-    for f in range(LINEAR, len(pf)):
-        add_row(pf, f, scaled(-shape['feature_means'][f], mean))
+    subtract_means(pf, shape, mean)
     pp = combined(1.0, pp, -1.0, outer(mean, mean))
     py = combined(1.0, py, -1.0, outer(mean, y_mean))
     return RegionSums(mean, pp, py, minus(pxv, cross(mean, velocity)))
