@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import itertools
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import time
@@ -120,10 +121,17 @@ class Graph:
         return list(answer.descriptors)
 
     def close(self) -> None:
+        # as a user ends it: nodes of a process that was killed in the middle of a large message
+        # once took the subscriber down with them, in the middleware
         for process in self._processes:
             if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self._processes:
+            try:
+                process.communicate(timeout=TIMEOUT)
+            except subprocess.TimeoutExpired:
                 process.kill()
-            process.communicate()
+                process.communicate()
         self.executor.shutdown()
         for node in self._nodes:
             node.destroy_node()
