@@ -20,6 +20,7 @@ from softbody_ros.core.geometry.vectors import (
     Matrix,
     Vector,
     added,
+    along,
     column_of,
     combined,
     cross,
@@ -28,10 +29,8 @@ from softbody_ros.core.geometry.vectors import (
     plus,
     scaled,
 )
-from softbody_ros.core.shape_matching.matching import (
-    LINEAR,
-    fill,
-)
+from softbody_ros.core.lanes import LANES, Lanes, Rows, lanes_at, lanes_of, total
+from softbody_ros.core.shape_matching.matching import LINEAR, fill
 
 TILE = 512
 """Particles per block, for several passes within the L1 cache."""
@@ -41,7 +40,6 @@ LARGEST_MOMENT = 1e100
 """Moment above which squares may overflow."""
 FIRST_FACTOR, SECOND_FACTOR = (0, 1, 2, 0, 1, 2), (0, 1, 2, 1, 2, 0)
 """The features after q are products of two coordinates."""
-Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class Sums(NamedTuple):
@@ -118,45 +116,51 @@ def feature_row(q: Rows, f: int, scratch: np.ndarray) -> np.ndarray:
 
 
 @helper
+def vectors_at(
+    x: np.ndarray, y: np.ndarray, z: np.ndarray, i: int, count: int
+) -> tuple[Lanes, Lanes, Lanes]:
+    """Return the vectors of particles i … i + 3, zero from `count` on."""
+    return lanes_at(x, i, count), lanes_at(y, i, count), lanes_at(z, i, count)
+
+
+@helper
+def no_lanes() -> tuple[Lanes, Lanes, Lanes]:
+    """Return where a sum of vectors begins."""
+    return lanes_of(0.0), lanes_of(0.0), lanes_of(0.0)
+
+
+@helper
+def totals(sums: tuple[Lanes, Lanes, Lanes]) -> Vector:
+    """Return the sum of the vectors of all lanes."""
+    return total(sums[0]), total(sums[1]), total(sums[2])
+
+
+@helper
 def sums_of_tile(y: Rows, v: Rows, w: np.ndarray) -> tuple[Vector, Vector, Vector, Vector, Vector]:
     """Return Σ w y, Σ w v, the upper half of Σ w y yᵀ, and Σ w y × v."""
-    y0 = y1 = y2 = v0 = v1 = v2 = 0.0
-    a00 = a01 = a02 = a11 = a12 = a22 = l0 = l1 = l2 = 0.0
-    p0, p1, p2, u0, u1, u2 = y[0], y[1], y[2], v[0], v[1], v[2]
-    for i in range(len(w)):
-        m0, m1, m2 = w[i] * p0[i], w[i] * p1[i], w[i] * p2[i]
-        y0 += m0
-        y1 += m1
-        y2 += m2
-        v0 += w[i] * u0[i]
-        v1 += w[i] * u1[i]
-        v2 += w[i] * u2[i]
-        a00 += m0 * p0[i]
-        a01 += m0 * p1[i]
-        a02 += m0 * p2[i]
-        a11 += m1 * p1[i]
-        a12 += m1 * p2[i]
-        a22 += m2 * p2[i]
-        l0 += m1 * u2[i] - m2 * u1[i]
-        l1 += m2 * u0[i] - m0 * u2[i]
-        l2 += m0 * u1[i] - m1 * u0[i]
-    return (y0, y1, y2), (v0, v1, v2), (a00, a01, a02), (a11, a12, a22), (l0, l1, l2)
+    of_y = of_v = upper = lower = angular = no_lanes()
+    (y0, y1, y2), (v0, v1, v2), count = y, v, len(w)
+    for i in range(0, count, LANES):
+        m = lanes_at(w, i, count)
+        p, u = vectors_at(y0, y1, y2, i, count), vectors_at(v0, v1, v2, i, count)
+        weighted = scaled(m, p)
+        of_y, of_v = plus(of_y, weighted), along(of_v, m, u)
+        upper = along(upper, weighted[0], p)
+        lower = plus(lower, (weighted[1] * p[1], weighted[1] * p[2], weighted[2] * p[2]))
+        angular = plus(angular, cross(weighted, u))
+    return totals(of_y), totals(of_v), totals(upper), totals(lower), totals(angular)
 
 
 @helper
 def moments_of_tile(y: Rows, v: Rows, w: np.ndarray, f: np.ndarray) -> tuple[Vector, Vector]:
     """Return Σ w f y and Σ w f v of one feature."""
-    y0 = y1 = y2 = v0 = v1 = v2 = 0.0
-    p0, p1, p2, u0, u1, u2 = y[0], y[1], y[2], v[0], v[1], v[2]
-    for i in range(len(w)):
-        m = w[i] * f[i]
-        y0 += m * p0[i]
-        y1 += m * p1[i]
-        y2 += m * p2[i]
-        v0 += m * u0[i]
-        v1 += m * u1[i]
-        v2 += m * u2[i]
-    return (y0, y1, y2), (v0, v1, v2)
+    of_y = of_v = no_lanes()
+    (y0, y1, y2), (v0, v1, v2), count = y, v, len(w)
+    for i in range(0, count, LANES):
+        m = lanes_at(w, i, count) * lanes_at(f, i, count)
+        of_y = along(of_y, m, vectors_at(y0, y1, y2, i, count))
+        of_v = along(of_v, m, vectors_at(v0, v1, v2, i, count))
+    return totals(of_y), totals(of_v)
 
 
 @helper
@@ -280,20 +284,13 @@ def region_sums(
 @helper
 def products_of_tile(p: Rows, y: Rows, w: np.ndarray) -> tuple[Matrix, Vector]:
     """Return Σ w p yᵀ and Σ w y."""
-    a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = y0 = y1 = y2 = 0.0
-    p0, p1, p2, q0, q1, q2 = p[0], p[1], p[2], y[0], y[1], y[2]
-    for i in range(len(w)):
-        m0, m1, m2 = w[i] * q0[i], w[i] * q1[i], w[i] * q2[i]
-        y0 += m0
-        y1 += m1
-        y2 += m2
-        a00 += p0[i] * m0
-        a01 += p0[i] * m1
-        a02 += p0[i] * m2
-        a10 += p1[i] * m0
-        a11 += p1[i] * m1
-        a12 += p1[i] * m2
-        a20 += p2[i] * m0
-        a21 += p2[i] * m1
-        a22 += p2[i] * m2
-    return ((a00, a01, a02), (a10, a11, a12), (a20, a21, a22)), (y0, y1, y2)
+    first = second = third = of_y = no_lanes()
+    (p0, p1, p2), (y0, y1, y2), count = p, y, len(w)
+    for i in range(0, count, LANES):
+        goal = vectors_at(p0, p1, p2, i, count)
+        weighted = scaled(lanes_at(w, i, count), vectors_at(y0, y1, y2, i, count))
+        of_y = plus(of_y, weighted)
+        first = along(first, goal[0], weighted)
+        second = along(second, goal[1], weighted)
+        third = along(third, goal[2], weighted)
+    return (totals(first), totals(second), totals(third)), totals(of_y)
