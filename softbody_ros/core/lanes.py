@@ -16,12 +16,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from softbody_ros.core.compiled import helper, is_compiled
+from softbody_ros.core.geometry.vectors import Vector
 
 Lanes: TypeAlias = float
-"""To type checkers they are a number: what works for vectors of numbers works for those of lanes."""
+"""A number to type checkers, so that functions of vectors of numbers take vectors of lanes."""
 LANES = 4
 """A register of AVX2; with 16 of them there is one for each of the sums over a tile."""
-Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+LaneVector: TypeAlias = Vector
+"""The vectors of four particles."""
 OPERATORS = {operator.add: 'fadd', operator.sub: 'fsub', operator.mul: 'fmul'}
 """And the instructions of LLVM for them; one operand may be a float."""
 
@@ -39,20 +41,20 @@ if is_compiled():
     ALIGNMENT = ir.Constant(INT32, 8)
     """Of lanes in a row, in bytes."""
 
-    class LanesType(types.Type):  # type: ignore[misc]
+    class LanesType(types.Type):
         """What Numba knows of lanes."""
 
     lanes_type = LanesType('Lanes')
 
     @register_model(LanesType)
-    class _Model(models.PrimitiveModel):  # type: ignore[misc]
+    class _Model(models.PrimitiveModel):
         def __init__(self, manager: Any, kind: Any) -> None:
             super().__init__(manager, kind, DOUBLES)
 
     def _define(what: Any, instruction: str) -> None:
         operands = [(lanes_type,) * 2, (lanes_type, types.float64), (types.float64, lanes_type)]
 
-        class Template(templates.AbstractTemplate):  # type: ignore[misc]
+        class Template(templates.AbstractTemplate):
             def generic(self, args: Any, kws: Any) -> Any:
                 return templates.signature(lanes_type, *args) if args in operands else None
 
@@ -77,9 +79,9 @@ if is_compiled():
         return result
 
     def _pointer(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        row = signature.args[0]
-        assert isinstance(row, types.Array) and row.layout == 'C' and row.dtype == types.float64
-        data = context.make_array(row)(context, builder, args[0]).data
+        field = signature.args[0]
+        assert (field.layout, field.dtype) == ('C', types.float64), field
+        data = context.make_array(field)(context, builder, args[0]).data
         return builder.bitcast(builder.gep(data, [args[1]]), DOUBLES.as_pointer())
 
     def _mask(builder: Any, count: Any) -> Any:
@@ -105,24 +107,24 @@ if is_compiled():
         return types.float64(lanes_type, types.intp), generate
 
     @intrinsic
-    def _load(context: Any, row: Any, i: Any) -> Any:
+    def _load(context: Any, field: Any, k: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             pointer = _pointer(context, builder, signature, args)
             return builder.load(pointer, align=ALIGNMENT.constant)
 
-        return lanes_type(row, types.intp), generate
+        return lanes_type(field, types.intp), generate
 
     @intrinsic
-    def _store(context: Any, row: Any, i: Any, lanes: Any) -> Any:
+    def _store(context: Any, field: Any, k: Any, lanes: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             pointer = _pointer(context, builder, signature, args)
             builder.store(args[2], pointer, align=ALIGNMENT.constant)
             return context.get_dummy_value()
 
-        return types.void(row, types.intp, lanes_type), generate
+        return types.void(field, types.intp, lanes_type), generate
 
     @intrinsic
-    def _load_some(context: Any, row: Any, i: Any, count: Any) -> Any:
+    def _load_some(context: Any, field: Any, k: Any, count: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             pointer = _pointer(context, builder, signature, args)
             kind = ir.FunctionType(DOUBLES, [pointer.type, INT32, BITS, DOUBLES])
@@ -130,10 +132,10 @@ if is_compiled():
             zeros = ir.Constant(DOUBLES, [0.0] * LANES)
             return builder.call(load, [pointer, ALIGNMENT, _mask(builder, args[2]), zeros])
 
-        return lanes_type(row, types.intp, types.intp), generate
+        return lanes_type(field, types.intp, types.intp), generate
 
     @intrinsic
-    def _store_some(context: Any, row: Any, i: Any, count: Any, lanes: Any) -> Any:
+    def _store_some(context: Any, field: Any, k: Any, count: Any, lanes: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             pointer = _pointer(context, builder, signature, args)
             kind = ir.FunctionType(ir.VoidType(), [DOUBLES, pointer.type, INT32, BITS])
@@ -141,7 +143,7 @@ if is_compiled():
             builder.call(store, [args[3], pointer, ALIGNMENT, _mask(builder, args[2])])
             return context.get_dummy_value()
 
-        return types.void(row, types.intp, types.intp, lanes_type), generate
+        return types.void(field, types.intp, types.intp, lanes_type), generate
 
 else:
 
@@ -150,19 +152,18 @@ else:
 
         __slots__ = ()
 
-    def _define(what: Any) -> None:
-        def forwards(self: Any, other: Any) -> Any:
-            return _Plain(map(what, self, other if isinstance(other, _Plain) else [other] * LANES))
+    def _forwards(what: Any) -> Any:
+        def result(one: _Plain, two: Any) -> _Plain:
+            return _Plain(map(what, one, two if isinstance(two, _Plain) else [two] * LANES))
 
-        def backwards(self: Any, other: Any) -> Any:
-            return _Plain(map(what, [other] * LANES, self))
+        return result
 
-        name = what.__name__
-        setattr(_Plain, f'__{name}__', forwards)
-        setattr(_Plain, f'__r{name}__', backwards)
+    def _backwards(what: Any) -> Any:
+        return lambda two, one: _Plain(map(what, [one] * LANES, two))
 
     for _operator in OPERATORS:
-        _define(_operator)
+        setattr(_Plain, f'__{_operator.__name__}__', _forwards(_operator))
+        setattr(_Plain, f'__r{_operator.__name__}__', _backwards(_operator))
 
     def lanes_of(value: float) -> Any:
         """Return equal lanes."""
@@ -172,37 +173,73 @@ else:
         """Return one of the lanes."""
         return lanes[k]
 
-    def _load(row: np.ndarray, i: int) -> Any:
-        return _Plain(row[i : i + LANES].tolist())
+    def _load(field: np.ndarray, k: int) -> Any:
+        return _Plain(field.reshape(-1)[k : k + LANES].tolist())
 
-    def _store(row: np.ndarray, i: int, lanes: Any) -> None:
-        row[i : i + LANES] = lanes
+    def _store(field: np.ndarray, k: int, lanes: Any) -> None:
+        field.reshape(-1)[k : k + LANES] = lanes
 
-    def _load_some(row: np.ndarray, i: int, count: int) -> Any:
-        return _Plain(row[i : i + count].tolist() + [0.0] * (LANES - count))
+    def _load_some(field: np.ndarray, k: int, count: int) -> Any:
+        return _Plain(field.reshape(-1)[k : k + count].tolist() + [0.0] * (LANES - count))
 
-    def _store_some(row: np.ndarray, i: int, count: int, lanes: Any) -> None:
-        row[i : i + count] = lanes[:count]
-
-
-@helper
-def lanes_at(row: np.ndarray, i: int, count: int) -> Lanes:
-    """Return elements i … i + 3 of a contiguous row, with zeros from `count` on."""
-    if i + LANES <= count:
-        return _load(row, i)
-    return _load_some(row, i, count - i)
+    def _store_some(field: np.ndarray, k: int, count: int, lanes: Any) -> None:
+        field.reshape(-1)[k : k + count] = lanes[:count]
 
 
 @helper
-def put_lanes(row: np.ndarray, i: int, count: int, lanes: Lanes) -> None:
-    """Write elements i … i + 3 of a contiguous row, up to `count`."""
-    if i + LANES <= count:
-        _store(row, i, lanes)
+def lanes_at(field: np.ndarray, row: int, i: int, left: int) -> Lanes:
+    """Return columns i … i + 3 of one row of a field (k, n), with zeros beyond the `left` ones."""
+    k = row * field.shape[1] + i
+    if left >= LANES:
+        return _load(field, k)
+    return _load_some(field, k, left)
+
+
+@helper
+def weights_at(weights: np.ndarray, i: int, left: int) -> Lanes:
+    """Return elements i … i + 3 of an array (n,), with zeros beyond the `left` ones."""
+    if left >= LANES:
+        return _load(weights, i)
+    return _load_some(weights, i, left)
+
+
+@helper
+def vectors_at(field: np.ndarray, i: int, left: int) -> LaneVector:
+    """Return columns i … i + 3 of a field (3, n), with zeros beyond the `left` ones."""
+    return lanes_at(field, 0, i, left), lanes_at(field, 1, i, left), lanes_at(field, 2, i, left)
+
+
+@helper
+def put_lanes(field: np.ndarray, row: int, i: int, left: int, lanes: Lanes) -> None:
+    """Write columns i … i + 3, up to the `left` ones, of one row of a field (k, n)."""
+    k = row * field.shape[1] + i
+    if left >= LANES:
+        _store(field, k, lanes)
     else:
-        _store_some(row, i, count - i, lanes)
+        _store_some(field, k, left, lanes)
+
+
+@helper
+def put_vectors(field: np.ndarray, i: int, left: int, vectors: LaneVector) -> None:
+    """Write columns i … i + 3, up to the `left` ones, of a field (3, n)."""
+    put_lanes(field, 0, i, left, vectors[0])
+    put_lanes(field, 1, i, left, vectors[1])
+    put_lanes(field, 2, i, left, vectors[2])
+
+
+@helper
+def no_vectors() -> LaneVector:
+    """Return vectors of which all are zero, where a sum begins."""
+    return lanes_of(0.0), lanes_of(0.0), lanes_of(0.0)
 
 
 @helper
 def total(lanes: Lanes) -> float:
     """Return the sum of the lanes."""
     return (lane(lanes, 0) + lane(lanes, 2)) + (lane(lanes, 1) + lane(lanes, 3))
+
+
+@helper
+def totals(vectors: LaneVector) -> Vector:
+    """Return the sum of the vectors of all lanes."""
+    return total(vectors[0]), total(vectors[1]), total(vectors[2])
