@@ -66,7 +66,13 @@ class Flights:
     def step(self, ticks=1):
         for _ in range(ticks):
             assert self.fly() == 0
-            accept(self.state.bodies, np.arange(len(self.bodies)), self.h, self.state.reaction)
+            self.accept(np.arange(len(self.bodies)))
+
+    def accept(self, awake):
+        state = self.state
+        accept(
+            state.bodies, awake, state.shapes, state.weights, state.x, self.h, state.reaction
+        )  # fmt: skip
 
     def put(self, x, v, index=0):
         self.state.positions(index)[:], self.state.velocities(index)[:] = x.T, v.T
@@ -201,7 +207,7 @@ def assert_as_written(flights, index=0, tolerance=EXACT):
     assert record['degeneracy'] == 0.0
     flights.state.fill_goals(np.array([index]))
     goals = flights.state.goals[:, flights.state.columns(index)].T
-    accept(flights.state.bodies, np.array([index]), flights.h, flights.state.reaction)
+    flights.accept(np.array([index]))
     x, v = flights.positions(index), flights.velocities(index)
     size, speed = np.abs(written.x).max(), np.abs(written.v).max()
     assert np.abs(x - written.x).max() < tolerance * size

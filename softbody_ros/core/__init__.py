@@ -26,12 +26,16 @@ sequence of stages (step.py), each one or several kernels (compiled.py) over all
 4. shape_matching/pins.py: prescribed motion of pinned particles.
 5. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
 
+What contacts exert in a tick, each stage adds to the results of contact/exchange.py, which are
+integrated over time; contact_forces.py has the means for readers.
+
 config.py has all settings; external_inputs.py the inputs at run time: obstacles, points, wrenches,
 gravity; poke.py localised impulses.
 """
 
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
+from softbody_ros.core.contact_forces import ContactImpulse, MeanWrenches
 from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.rigid_fit import RigidFit
@@ -41,6 +45,8 @@ from softbody_ros.core.world import Snapshot, World
 __all__ = [
     'BodyConfig',
     'ConfigError',
+    'ContactImpulse',
+    'MeanWrenches',
     'MeshError',
     'ObstacleConfig',
     'ObstacleRemoval',

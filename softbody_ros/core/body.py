@@ -61,6 +61,7 @@ BODY = np.dtype(
         ('inverse_inertia', np.float64, (3, 3)),  # per mass, 1/m²
         # of contacts: impulse, m/s, and its moment about the centre, m²/s, per mass
         ('received', np.float64, (2, 3)),
+        ('touches', np.bool_),  # whether a contact has acted on it in its last tick
         ('load', np.float64, (3,)),  # acceleration by the weight of bodies on top of it, m/s²
     ],
     align=True,

@@ -9,13 +9,14 @@ shapes. So one kernel call processes all bodies.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from softbody_ros.core.body import BODY
 from softbody_ros.core.config import BodyConfig
+from softbody_ros.core.contact.exchange import rearranged
 from softbody_ros.core.shape_matching.goals import fill_goals
 from softbody_ros.core.shape_matching.pins import Pins
 from softbody_ros.core.shape_matching.regions import REGION, Regions
@@ -49,6 +50,14 @@ class BodyState:
         positions at the last sample of its displacement, m
     still_samples : int
         consecutive samples at rest, see `sleeping`
+    since : int
+        tick from which on `total` is summed up
+    total : (2, 3) float
+        integral over time of the wrench of all contacts, N s and N m s
+    touched, normal_impulse : (k,) int, (k,) float
+        particles with a normal force, and that of the last tick times its length, N s
+    obstacle_impulse : (O, 2, 3) float or None
+        see `State`; None without contacts
 
     """
 
@@ -58,12 +67,41 @@ class BodyState:
     reaction: np.ndarray
     anchor: np.ndarray
     still_samples: int
+    since: int
+    total: np.ndarray
+    touched: np.ndarray
+    normal_impulse: np.ndarray
+    obstacle_impulse: np.ndarray | None
 
     @property
     def nbytes(self) -> int:
         """Bytes of memory."""
-        stretch = 0 if self.stretch is None else self.stretch.nbytes
-        return self.x.nbytes + self.v.nbytes + self.anchor.nbytes + stretch
+        arrays = (
+            self.x, self.v, self.anchor, self.stretch, self.touched, self.normal_impulse,
+            self.obstacle_impulse,
+        )  # fmt: skip
+        return sum(array.nbytes for array in arrays if array is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleTotals:
+    """
+    Integrals over time of the wrenches on O obstacles.
+
+    Attributes
+    ----------
+    keys : (O,) tuple
+        names of those of the config, keys of those received, and None for all points together
+    since : (O,) int
+        ticks from which on they are summed up
+    total : (O, 2, 3) float
+        N s, N m s, the moments about the moving origins
+
+    """
+
+    keys: tuple[Hashable, ...]
+    since: np.ndarray
+    total: np.ndarray
 
 
 class ShapeTable:
@@ -166,6 +204,14 @@ class State:
         see `BodyState`
     scales : (B,) float
         RMS radii of the rest shapes, m
+    since, total : (B,) int, (B, 2, 3) float
+        see `BodyState`
+    normal_impulse : (N,) float
+        at each particle in the last tick, the sum of all contacts, N s
+    obstacle_impulse : (B, O, 2, 3) float
+        of each body on each obstacle in the last tick, see `contact.exchange`
+    obstacle_keys, obstacle_since, obstacle_total : (O,) tuple, (O,) int, (O, 2, 3) float
+        see `ObstacleTotals`
 
     """
 
@@ -190,6 +236,12 @@ class State:
         self.anchor = np.zeros((3, first))
         self.still_samples = np.zeros(len(bodies), np.int64)
         self.scales = np.array([body.rest.scale for body in bodies])
+        self.since = np.zeros(len(bodies), np.int64)
+        self.total = np.zeros((len(bodies), 2, 3))
+        self.normal_impulse = np.zeros(first)
+        self.obstacle_impulse = np.zeros((len(bodies), 0, 2, 3))
+        self.obstacle_keys: tuple[Hashable, ...] = ()
+        self.obstacle_since, self.obstacle_total = np.zeros(0, np.int64), np.zeros((0, 2, 3))
         self.use_shapes(bodies)
 
     def use_shapes(self, bodies: Sequence[Body]) -> None:
@@ -217,6 +269,35 @@ class State:
         if not self.goals.size:
             self.goals = np.zeros(self.x.shape[1:])
         fill_goals(self.bodies, chosen, self.shapes, self.q, self.region_goals, self.goals)
+
+    # -------------------------------------------------------------------------------- obstacles
+    def use_obstacles(self, keys: tuple[Hashable, ...], tick: int) -> None:
+        """Use other obstacles, see `ObstacleTotals`; new ones are summed up from a tick on."""
+        if keys == self.obstacle_keys:
+            return
+        row = {key: index for index, key in enumerate(self.obstacle_keys)}
+        source = [row.get(key, -1) for key in keys]
+        is_new = np.array(source) < 0
+        self.obstacle_keys = keys
+        self.obstacle_since = rearranged(self.obstacle_since, source) + is_new * tick
+        self.obstacle_total = rearranged(self.obstacle_total, source)
+        impulse = rearranged(self.obstacle_impulse.swapaxes(0, 1), source)
+        self.obstacle_impulse = np.ascontiguousarray(impulse.swapaxes(0, 1))
+
+    def save_obstacles(self) -> ObstacleTotals:
+        """Return a copy of the integrals for obstacles."""
+        return ObstacleTotals(
+            self.obstacle_keys, self.obstacle_since.copy(), self.obstacle_total.copy()
+        )
+
+    def restore_obstacles(self, saved: ObstacleTotals) -> None:
+        """Restore the integrals for obstacles; `restore` follows for each body."""
+        self.use_obstacles(saved.keys, 0)
+        self.obstacle_since[:], self.obstacle_total[:] = saved.since, saved.total
+
+    def forget_obstacle_contacts(self) -> None:
+        """Begin the integrals for obstacles anew, at tick 0."""
+        self.obstacle_since[:], self.obstacle_total[:] = 0, 0.0
 
     # --------------------------------------------------------------------------------- one body
     def columns(self, index: int) -> slice:
@@ -247,9 +328,19 @@ class State:
         self.bodies['is_plastic'][index] = stretch is not None
         self.stretch[:, self._matches(index)] = np.eye(3) if stretch is None else stretch
 
+    def forget_contacts(self, index: int, tick: int) -> None:
+        """Sum up the contacts of a body anew, from a tick on."""
+        self.bodies['touches'][index] = False
+        self.reaction[index] = self.total[index] = self.obstacle_impulse[index] = 0.0
+        self.normal_impulse[self.columns(index)] = 0.0
+        self.since[index] = tick
+
     def save(self, index: int) -> BodyState:
         """Return a copy of the state of a body."""
         stretch = self.plastic_state(index)
+        touches, normal_impulse = self.bodies['touches'][index], self.normal_impulse
+        normal_impulse = normal_impulse[self.columns(index)][: None if touches else 0]
+        touched = np.flatnonzero(normal_impulse)
         return BodyState(
             self.positions(index).copy(),
             self.velocities(index).copy(),
@@ -257,6 +348,11 @@ class State:
             self.reaction[index].copy(),
             self.anchor[:, self.columns(index)].copy(),
             int(self.still_samples[index]),
+            int(self.since[index]),
+            self.total[index].copy(),
+            touched,
+            normal_impulse[touched],
+            self.obstacle_impulse[index].copy() if touches else None,
         )
 
     def restore(self, index: int, saved: BodyState) -> None:
@@ -266,6 +362,13 @@ class State:
         self.reaction[index] = saved.reaction
         self.anchor[:, self.columns(index)] = saved.anchor
         self.still_samples[index] = saved.still_samples
+        self.since[index], self.total[index] = saved.since, saved.total
+        normal_impulse = self.normal_impulse[self.columns(index)]
+        normal_impulse[:] = 0.0
+        normal_impulse[saved.touched] = saved.normal_impulse
+        given = saved.obstacle_impulse
+        self.bodies['touches'][index] = given is not None
+        self.obstacle_impulse[index] = 0.0 if given is None else given
 
 
 def _side_by_side(rows: int, fields: Sequence[np.ndarray]) -> np.ndarray:

@@ -15,9 +15,10 @@ from softbody_ros.core.collision.obstacle_contacts import CONTACT
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact import body_body, rigid_obstacle, soft_obstacle
+from softbody_ros.core.contact import body_body, exchange, rigid_obstacle, soft_obstacle
 from softbody_ros.core.contact.contact_state import FixedPoints
 from softbody_ros.core.geometry.bvh import Trees
+from softbody_ros.core.geometry.vectors import put_vector, scaled, vector_of
 from softbody_ros.core.shape_matching import flight, pins
 from softbody_ros.core.state import Body, State
 
@@ -60,15 +61,16 @@ class Environment:
     def fixed_points(self) -> list[FixedPoints]:
         """Immovable points: those received, and those along edges of obstacles."""
         still = np.zeros(3)
-        sets = [(self.points, still, still, still, False)] if len(self.points) else []
-        for obstacle in self.obstacles:
+        last = len(self.obstacles)
+        sets = [(self.points, still, still, still, False, last)] if len(self.points) else []
+        for row, obstacle in enumerate(self.obstacles):
             if obstacle.config.type != 'plane':
                 linear = np.array(obstacle.config.velocity_linear)
                 angular = np.array(obstacle.config.velocity_angular)
-                sets.append((obstacle.edge_points, obstacle.position, linear, angular, True))
+                sets.append((obstacle.edge_points, obstacle.position, linear, angular, True, row))
         return [
-            FixedPoints(each.points_along_x, each.radius, centre, linear, angular, is_edge)
-            for each, centre, linear, angular, is_edge in sets
+            FixedPoints(each.points_along_x, each.radius, centre, linear, angular, is_edge, row)
+            for each, centre, linear, angular, is_edge, row in sets
         ]
 
 
@@ -88,7 +90,7 @@ class Integrator:
         self._state, self._bodies = state, bodies
         most = int(state.bodies['count'].max(initial=0))
         self._contacts = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT)
-        self._scratch = np.empty((4, len(self._contacts)))
+        self._scratch = np.empty((7, len(self._contacts)))
         self.update()
 
     def update(self) -> None:
@@ -122,6 +124,7 @@ class Integrator:
         """
         state, gravity = self._state, environment.gravity
         self._predict_and_match(awake, gravity, h)
+        exchange.forget_contacts(state.bodies, awake, state.obstacle_impulse, state.normal_impulse)
         if self._any_pairs or environment.fixed_points:
             body_body.resolve_body_contacts(
                 state, awake, environment.surfaces, environment.fixed_points,
@@ -130,7 +133,11 @@ class Integrator:
         if len(environment.records):
             self.resolve_obstacle_contacts(awake, environment, h)
         self._hold_pins(awake, h)
-        accept(state.bodies, awake, h, state.reaction)
+        accept(state.bodies, awake, state.shapes, state.weights, state.x, h, state.reaction)
+        exchange.add_up(
+            state.bodies, state.reaction, h, state.obstacle_impulse, state.total,
+            state.obstacle_total,
+        )  # fmt: skip
 
     def resolve_obstacle_contacts(
         self, awake: np.ndarray, environment: Environment, h: float
@@ -141,12 +148,13 @@ class Integrator:
             soft_obstacle.resolve(
                 state.bodies, awake, state.shapes, state.weights, state.q, state.x, state.v,
                 state.region_goals, environment.records, environment.trees, gravity, h,
-                self._contacts, self._scratch,
+                self._contacts, self._scratch, state.obstacle_impulse, state.normal_impulse,
             )  # fmt: skip
         if self._any_rigid:
             rigid_obstacle.resolve(
                 state.bodies, awake, state.x, state.v, environment.records, environment.trees,
-                gravity, h, self._contacts, self._scratch,
+                gravity, h, self._contacts, self._scratch, state.obstacle_impulse,
+                state.normal_impulse,
             )  # fmt: skip
 
     def _predict_and_match(self, awake: np.ndarray, gravity: np.ndarray, h: float) -> None:
@@ -190,12 +198,21 @@ class Integrator:
 
 
 @kernel
-def accept(bodies: np.ndarray, awake: np.ndarray, h: float, reaction: np.ndarray) -> None:
+def accept(
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    x: np.ndarray,
+    h: float,
+    reaction: np.ndarray,
+) -> None:
     """Make the computed halves the state, and write contact wrenches per mass (B, 2, 3)."""
     for index in range(len(awake)):
         body = bodies[awake[index]]
         body['now'] = 1 - body['now']
         body['is_plastic'] = body['is_plastic'] or body['flowed']
-        for row in range(2):
-            for axis in range(3):
-                reaction[awake[index], row, axis] = body['received'][row, axis] / h
+        moment = exchange.moment_about_centre(body, shapes[body['shape']], weights, x[body['now']])
+        force = vector_of(body['received'][0])
+        put_vector(reaction[awake[index], 0], scaled(1.0 / h, force))
+        put_vector(reaction[awake[index], 1], scaled(1.0 / h, moment))

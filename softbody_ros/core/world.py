@@ -28,6 +28,8 @@ from softbody_ros.core.config import (
     settings,
     unknown_name,
 )
+from softbody_ros.core.contact import exchange
+from softbody_ros.core.contact_forces import ContactImpulse, ObstacleKey
 from softbody_ros.core.external_inputs import (
     EVERY_BODY,
     ExternalInputs,
@@ -36,6 +38,7 @@ from softbody_ros.core.external_inputs import (
     Wrench,
     ticks_of,
 )
+from softbody_ros.core.geometry.bounding_boxes import overlapping
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
 from softbody_ros.core.shape_matching.gains import natural_frequency, put_gains
@@ -47,7 +50,7 @@ from softbody_ros.core.shape_matching.rest_shape import (
     make_rest_shape,
     weighted_mean,
 )
-from softbody_ros.core.state import Body, BodyState, State
+from softbody_ros.core.state import Body, BodyState, ObstacleTotals, State
 from softbody_ros.core.step import Environment, Integrator, SimulationError
 
 START_STATE = (
@@ -65,7 +68,7 @@ class Snapshot:
     A copy of the state: simulation from it is reproduced bit by bit.
 
     It includes the bodies and obstacles at that time: restoring it undoes later additions and
-    removals.
+    removals. It includes the contact forces of its tick and their integrals over time, too.
     """
 
     tick: int
@@ -73,6 +76,7 @@ class Snapshot:
     states: tuple[BodyState, ...]
     obstacles: tuple[Obstacle, ...]
     inputs: ExternalInputs
+    obstacle_totals: ObstacleTotals
 
     @property
     def nbytes(self) -> int:
@@ -83,6 +87,13 @@ class Snapshot:
 class World:
     """
     Bodies, obstacles and gravity at one tick.
+
+    Attributes
+    ----------
+    config : WorldConfig
+    tick : int
+    time_jumps : int
+        number of calls of `reset` and `restore`
 
     >>> world = World(WorldConfig())
     >>> world.step(240)
@@ -103,6 +114,7 @@ class World:
     def __init__(self, config: WorldConfig) -> None:
         self.config = config
         self.tick = 0
+        self.time_jumps = 0
         self._inputs = ExternalInputs()
         self._shapes: dict[tuple, tuple[RestShape, Regions | None]] = {}
         self._surfaces: dict[tuple[int, int], CollisionSurface] = {}
@@ -223,7 +235,7 @@ class World:
         assert self._awake is not None
         if not len(self._awake):
             return
-        environment = self._environment_of(self.obstacles, self._inputs)
+        environment, before = self._environment_of(self.obstacles, self._inputs), self._awake
         gravity = environment.gravity
         fall = 0.5 * float(np.linalg.norm(gravity)) * self.config.time_step**2
         sleeping.update_sleep(
@@ -238,10 +250,34 @@ class World:
         self._find_awake()
         if len(self._awake) == len(self._bodies):
             return
+        self._balance(np.setdiff1d(before, self._awake), gravity)
         for index in np.flatnonzero(~sleeping.is_awake(self._state)).tolist():
             self._state.velocities(index)[:] = 0.0
             if self._bodies[index].pins is None:
                 self._state.reaction[index] = -np.stack([gravity, np.zeros(3)])
+
+    def _balance(self, indices: np.ndarray, gravity: np.ndarray) -> None:
+        """Let bodies that fall asleep weigh on obstacles as they go on to carry their weight."""
+        if not len(indices):
+            return
+        state, h = self._state, self.config.time_step
+        low, high = (corners[indices] for corners in self._boxes())
+        island = sleeping.islands(len(indices), *overlapping(low, high))
+        origins = np.array([*(obstacle.position for obstacle in self.obstacles), np.zeros(3)])
+        for number in np.unique(island):
+            members = indices[island == number]
+            if any(self._bodies[index].pins is not None for index in members):
+                continue  # how much pins carry is not known
+            centres = np.array(
+                [
+                    weighted_mean(state.positions(index).T, self._bodies[index].rest.weights)
+                    for index in members
+                ]
+            )
+            weight = h * state.bodies['mass'][members, None] * gravity
+            given = state.obstacle_impulse[members]
+            exchange.balance(given, origins, weight, centres)
+            state.obstacle_impulse[members] = given
 
     def _wake_touching(self) -> None:
         """Wake bodies asleep that awake bodies or moving obstacles touch."""
@@ -275,12 +311,14 @@ class World:
         """
         self._inputs = self._inputs.reset(self.tick)
         self.tick = 0
+        self.time_jumps += 1
         self._set_obstacles(
             tuple(
                 obstacles.placed(config, current.tree)
                 for config, current in zip(self.config.obstacles, self._obstacles, strict=True)
             )
         )
+        self._state.forget_obstacle_contacts()
         for index in range(len(self._bodies)):
             self._reset_body(index)
 
@@ -289,7 +327,7 @@ class World:
         state, body = self._state, self._bodies[index]
         state.positions(index)[:] = _start_positions(body.config, body.rest)
         state.set_plastic_state(index, None)
-        state.reaction[index] = 0.0
+        state.forget_contacts(index, self.tick)
         sleeping.begin_watching(state, [index])
         self._apply_initial_velocity(index)
 
@@ -374,7 +412,8 @@ class World:
         """Return a copy of the state."""
         states = tuple(self._state.save(index) for index in range(len(self._bodies)))
         bodies = tuple(dataclasses.replace(body) for body in self._bodies)
-        return Snapshot(self.tick, bodies, states, self._obstacles, self._inputs)
+        totals = self._state.save_obstacles()
+        return Snapshot(self.tick, bodies, states, self._obstacles, self._inputs, totals)
 
     def restore(self, snapshot: Snapshot) -> None:
         """
@@ -384,6 +423,7 @@ class World:
         """
         self._restore_structure(snapshot)
         self.tick = snapshot.tick
+        self.time_jumps += 1
         self._set_obstacles(
             tuple(
                 _with_config(saved, config)
@@ -391,6 +431,7 @@ class World:
             )
         )
         self._inputs = snapshot.inputs
+        self._state.restore_obstacles(snapshot.obstacle_totals)
         for index, saved in enumerate(snapshot.states):
             self._state.restore(index, saved)
         self._awake = None
@@ -509,8 +550,10 @@ class World:
     def _replace_bodies(self, bodies: Sequence[Body]) -> None:
         """Replace the set of bodies; those that stay keep their state."""
         saved = {id(body): self._state.save(index) for index, body in enumerate(self._bodies)}
+        totals = self._state.save_obstacles()
         self._bodies = list(bodies)
         self._build()
+        self._state.restore_obstacles(totals)
         for index, body in enumerate(self._bodies):
             if id(body) in saved:
                 self._state.restore(index, saved[id(body)])
@@ -538,6 +581,7 @@ class World:
         self._obstacles_move = any(
             obstacle.moves or obstacle.before is not None for obstacle in present
         )
+        self._state.use_obstacles(self.obstacle_keys, self.tick)
 
     # -------------------------------------------------------------------------- external inputs
     def change_obstacles(
@@ -662,6 +706,7 @@ class World:
         if (gravity != self.gravity).any():
             self._wake(slice(None))
         self._wake_near(inputs.obstacles_changed_since(before))
+        self._state.use_obstacles(self.obstacle_keys, self.tick)
 
     # ----------------------------------------------------------------------------------- config
     def configure(self, config: WorldConfig) -> None:
@@ -806,11 +851,87 @@ class World:
         """
         Return the total force (3,), N, and torque (3,), N m, of all contacts of a body.
 
-        World axes, about the centre of mass; zero without contacts.
+        Of the last tick, in world axes, about the centre of mass; zero without contacts. See
+        `MeanWrenches` for means over several ticks.
         """
         index = self._index_of(name)
         force, torque = self._bodies[index].config.mass * self._state.reaction[index]
         return force, torque
+
+    def obstacle_wrench(self, name: ObstacleKey) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the total force (3,), N, and torque (3,), N m, of bodies on an obstacle.
+
+        Of the last tick, in world axes, about the origin of the obstacle at the end of the tick;
+        about that of the world for points.
+
+        Parameters
+        ----------
+        name : str, (str, int) or None
+            see `obstacle_key`
+
+        """
+        row = self._obstacle_row(name)
+        force, torque = self._state.obstacle_impulse[:, row].sum(axis=0) / self.config.time_step
+        return force, torque
+
+    def contact_impulse(self, name: str) -> ContactImpulse:
+        """Return the integral over time of `contact_wrench`, see `contact_forces`."""
+        index = self._index_of(name)
+        return self._impulse(self._state.total[index], self._state.since[index])
+
+    def obstacle_impulse(self, name: ObstacleKey) -> ContactImpulse:
+        """Return the integral over time of `obstacle_wrench`, see `contact_forces`."""
+        row = self._obstacle_row(name)
+        return self._impulse(self._state.obstacle_total[row], self._state.obstacle_since[row])
+
+    def _impulse(self, total: np.ndarray, since: int) -> ContactImpulse:
+        impulse, angular_impulse = total.copy()
+        start = int(since) * self.config.time_step
+        return ContactImpulse(impulse, angular_impulse, start, self.time)
+
+    def normal_forces(self, name: str) -> np.ndarray:
+        """
+        Return (n,) float: the normal force at each particle in the last tick, N.
+
+        The sum over its contacts with obstacles, points and faces of bodies, and over contacts of
+        faces that it is a corner of, by its share. Of a body asleep, that before it fell asleep.
+        """
+        columns = self._state.columns(self._index_of(name))
+        return np.asarray(self._state.normal_impulse[columns] / self.config.time_step)
+
+    @property
+    def obstacle_keys(self) -> tuple[ObstacleKey, ...]:
+        """Keys of the `obstacles`, and None for all point obstacles together."""
+        names = (obstacle.config.name for obstacle in self._obstacles)
+        return (*names, *self._inputs.dynamic_obstacles, None)
+
+    def obstacle_key(self, name: ObstacleKey) -> ObstacleKey:
+        """
+        Return the key of an obstacle: of the config its name, else that of its `ObstacleUpdate`.
+
+        Parameters
+        ----------
+        name : str, (str, int) or None
+            the key, or a name: the first one in `obstacles` that has it; None for all point
+            obstacles together
+
+        Raises
+        ------
+        ConfigError
+            if there is none.
+
+        """
+        return self.obstacle_keys[self._obstacle_row(name)]
+
+    def _obstacle_row(self, name: ObstacleKey) -> int:
+        keys = self._state.obstacle_keys
+        if name in keys:
+            return keys.index(name)
+        names = [obstacle.config.name for obstacle in self.obstacles]
+        if name not in names:
+            raise ConfigError(f'there is no obstacle {name!r}: {unknown_name(str(name), names)}')
+        return names.index(name)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -33,11 +33,12 @@ from softbody_ros.core.contact.contact_state import (
     move,
     write_back,
 )
+from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.manifold import carry_weight, prepare_contacts, relative_speed
 from softbody_ros.core.contact.particle_solver import solve_contacts
 from softbody_ros.core.contact.support import SETTLED, settling_speed
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping_codes
-from softbody_ros.core.geometry.vectors import along, norm, scaled, vector_of
+from softbody_ros.core.geometry.vectors import ZERO, along, norm, scaled, vector_of
 
 CANDIDATES = 1024
 """Initial capacity; it grows on demand."""
@@ -90,7 +91,10 @@ def resolve_body_contacts(
         contacts, members, contact.inverse_mass, contact.start, shift, gravity, h, contact.x,
         contact.v,
     )  # fmt: skip
-    add_impulses(contacts, pairs, members, twists, gravity)
+    add_impulses(
+        contacts, pairs, members, twists, gravity, state.bodies, state.obstacle_impulse,
+        state.normal_impulse,
+    )  # fmt: skip
     write_back(
         state.bodies, state.shapes, state.weights, state.x, state.v, members, contact.x, contact.v,
         h,
@@ -166,6 +170,9 @@ def add_impulses(
     members: np.ndarray,
     twists: np.ndarray,
     gravity: np.ndarray,
+    bodies: np.ndarray,
+    obstacle_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
 ) -> None:
     """
     Sum the impulses of all contacts of each member, less those absorbed by inelasticity.
@@ -183,6 +190,9 @@ def add_impulses(
         of the members before the impulses, m/s and rad/s
     gravity : (3,) float
         m/s²
+    bodies : (B,) BODY
+    obstacle_impulse, normal_impulse
+        results, see `exchange`
 
     """
     magnitude = norm(vector_of(gravity))
@@ -212,3 +222,16 @@ def add_impulses(
             point = vector_of(contact['point'])
             add_wrench(one, one['received'], 1.0, point, impulse)
             add_wrench(two, two['received'], -1.0, point, impulse)
+            if one['body'] < 0:
+                row = obstacle_impulse[two['body'], one['obstacle']]
+                add_wrench_about(row, vector_of(one['centre']), 1.0, point, impulse, ZERO)
+            if two['body'] < 0:
+                row = obstacle_impulse[one['body'], two['obstacle']]
+                add_wrench_about(row, vector_of(two['centre']), -1.0, point, impulse, ZERO)
+            for corner in range(4):
+                member = members[contact['body'] if corner == 0 else contact['other']]
+                if member['body'] >= 0:
+                    body = bodies[member['body']]
+                    particle = body['first'] + contact['particles'][corner] - member['first']
+                    normal_impulse[particle] += abs(contact['coefficients'][corner]) * amount
+                    body['touches'] = True

@@ -18,9 +18,10 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.contact.contact_state import add_wrench, apply_mobility
+from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.manifold import relative_speed
 from softbody_ros.core.contact.support import SETTLED, TINY, settling_speed
-from softbody_ros.core.geometry.vectors import dot, norm, vector_of
+from softbody_ros.core.geometry.vectors import ZERO, dot, norm, vector_of
 
 DEEPEST = 0.1
 """Penetration of goals, in RMS radii, at which constraints between bodies become active."""
@@ -41,7 +42,9 @@ CONSTRAINT = np.dtype(
         ('response_two', np.float64, (6,)),
         ('clearance', np.float64),  # remaining admissible penetration, m
         ('surface_speed', np.float64),  # of the obstacle along the normal, m/s
+        ('weight', np.float64),  # share of the mass of the body in contact with an obstacle
         ('effective_mass', np.float64),  # with mass splitting, kg
+        ('impulse', np.float64),  # result, N s
     ],
     align=True,
 )
@@ -50,8 +53,8 @@ CONSTRAINT = np.dtype(
 ObstacleContacts = Callable[[np.ndarray], np.ndarray]
 """
 Function from bodies (c,) int of the world to their contacts with obstacles, sorted by obstacle,
-then body: an array with the fields body, obstacle, particle, point, normal, surface_velocity, and
-goal_depth, the penetration of the particle's goal, m, or 0.
+then body: an array with the fields body, obstacle, particle, point, normal, surface_velocity,
+origin of the obstacle, and goal_depth, the penetration of the particle's goal, m, or 0.
 """
 
 
@@ -74,6 +77,7 @@ def solve_body_constraints(
     Parameters
     ----------
     state : State
+        what obstacles and particles feel is added
     members, contacts, pairs : (C,) MEMBER, (k,) CONTACT, (p,) PAIR
         written: `constraint_twist`, `correction` and `received` of the members, `body_impulse` of
         the contacts
@@ -96,6 +100,10 @@ def solve_body_constraints(
         standing, state.bodies, state.shapes, state.weights, members, constraints, count
     )
     solve_constraints(constraints[:count], contacts, pairs, members, twists, gravity, h)
+    give_to_obstacles(
+        standing, state.bodies, state.shapes, state.weights, constraints[len(pairs) : count],
+        state.obstacle_impulse, state.normal_impulse,
+    )  # fmt: skip
 
 
 @kernel
@@ -170,10 +178,39 @@ def connect_obstacles(
             stop += 1
         for axis in range(6):
             constraint['jacobian_one'][axis] /= total
+        constraint['weight'] = total
         constraint['clearance'] = DEEPEST * member['scale'] - depth / total
         constraint['surface_speed'] = speed / total
         start, count = stop, count + 1
     return count
+
+
+@kernel
+def give_to_obstacles(
+    standing: np.ndarray,
+    bodies: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    constraints: np.ndarray,
+    obstacle_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
+) -> None:
+    """Add the impulses of constraints with obstacles to the results, see `exchange`."""
+    number = -1
+    for k in range(len(standing)):
+        contact, last = standing[k], standing[max(k - 1, 0)]
+        if k == 0 or contact['body'] != last['body'] or contact['obstacle'] != last['obstacle']:
+            number += 1
+        body, constraint = bodies[contact['body']], constraints[number]
+        first = shapes[body['shape']]['first']
+        weight = max(weights[first + contact['particle']], TINY)
+        size = constraint['impulse'] * weight / constraint['weight']
+        normal_impulse[body['first'] + contact['particle']] += size
+        add_wrench_about(
+            obstacle_impulse[contact['body'], contact['obstacle']], vector_of(contact['origin']),
+            -size, vector_of(contact['point']), vector_of(contact['normal']), ZERO,
+        )  # fmt: skip
+        body['touches'] = True
 
 
 @kernel
@@ -240,6 +277,7 @@ def solve_constraints(
         for contact in contacts[pairs[k]['first'] : pairs[k]['first'] + pairs[k]['count']]:
             contact['body_impulse'] = impulse[k] * contact['share']
     for k in range(len(pairs), count):
+        constraints[k]['impulse'] = impulse[k]
         member = members[constraints[k]['one']]
         for axis in range(6):
             member['received'][axis] += impulse[k] * constraints[k]['jacobian_one'][axis]

@@ -45,6 +45,7 @@ INERTIA_CUT = 1e-12
 MEMBER = np.dtype(
     [
         ('body', np.int64),  # of the world; −1 for immovable points
+        ('obstacle', np.int64),  # row of its impulses for immovable points, see `exchange`
         ('first', np.int64),  # its first particle in the contact state
         ('count', np.int64),
         ('rigid', np.bool_),
@@ -91,6 +92,8 @@ class FixedPoints:
         m; m/s of the centre; rad/s
     is_edge : bool
         whether they are edge points of an obstacle, whose surface supports the weight
+    obstacle : int
+        row of the impulses on them, see `exchange`
 
     """
 
@@ -100,6 +103,7 @@ class FixedPoints:
     velocity: np.ndarray
     angular_velocity: np.ndarray
     is_edge: bool
+    obstacle: int
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,7 @@ def make_contact_state(
     members = np.zeros(len(touching) + len(fixed), MEMBER)
     for member, each in zip(members[len(touching) :], fixed, strict=True):
         member['body'], member['rigid'], member['edge'] = -1, True, each.is_edge
+        member['obstacle'] = each.obstacle
         member['mass'] = member['scale'] = np.inf
         member['elasticity'] = member['bounciness'] = member['friction'] = np.nan
         member['centre'], member['velocity'] = each.centre, each.velocity
@@ -387,13 +392,13 @@ def write_back(
         least = INERTIA_CUT * shape['scale'] * shape['scale']
         inverse_inertia = symmetric_inverse(inertia, INERTIA_CUT, least)
         current = axial(product)
+        # about the old centre of mass, then about the new one
+        displacement = minus(centre, vector_of(body['centre']))
         target, momentum = velocity, current
         # pins do not conserve momentum
         if not member['pinned']:
             target = plus(vector_of(body['velocity']), impulse)
-            # about the old centre of mass, then about the new one
             momentum = plus(vector_of(body['angular_momentum']), moment)
-            displacement = minus(centre, vector_of(body['centre']))
             momentum = minus(momentum, cross(displacement, target))
         velocity_change, angular_velocity = (
             minus(target, velocity),
@@ -410,6 +415,7 @@ def write_back(
         put_vector(body['velocity'], target)
         put_vector(body['angular_momentum'], momentum)
         put_matrix(body['inverse_inertia'], inverse_inertia)
+        moment = minus(moment, cross(displacement, impulse))
         for axis in range(3):
             body['received'][0, axis] += impulse[axis]
             body['received'][1, axis] += moment[axis]

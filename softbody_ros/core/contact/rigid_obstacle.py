@@ -12,6 +12,7 @@ from softbody_ros.core.body import RIGID
 from softbody_ros.core.collision.obstacle_contacts import bounds_of, find_contacts, may_touch
 from softbody_ros.core.collision.shapes import PLANE
 from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.support import SLOW_TICKS, TINY
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.small_systems import eigen, least_vector, product_of_rows
@@ -65,6 +66,8 @@ def resolve(
     h: float,
     contacts: np.ndarray,
     scratch: np.ndarray,
+    obstacle_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
 ) -> None:
     """
     Resolve contacts of rigid bodies with all obstacles at once, then correct positions.
@@ -78,8 +81,10 @@ def resolve(
         of the meshes of obstacles
     contacts : (C,) CONTACT
         scratch for the contacts of a body with all obstacles
-    scratch : (4, C) float
+    scratch : (7, C) float
         the same
+    obstacle_impulse, normal_impulse
+        results, see `exchange`
 
     """
     for index in range(len(awake)):
@@ -90,6 +95,10 @@ def resolve(
         found = find_all(body, start, x1, obstacles, trees, contacts)
         if found > 0:
             collide(body, x1, v1, vector_of(gravity), h, contacts[:found], scratch)
+            give(
+                body, obstacles, contacts[:found], scratch, obstacle_impulse[awake[index]],
+                normal_impulse,
+            )  # fmt: skip
             correct_position(body, start, x1, obstacles, trees, contacts)
 
 
@@ -105,7 +114,7 @@ def find_all(
     """Write the contacts of a body with all obstacles, and return their number."""
     found = 0
     for number in range(len(obstacles)):
-        found = find_with(body, start, x, obstacles[number], trees, contacts, found)
+        found = find_with(body, start, x, obstacles, number, trees, contacts, found)
     return min(found, len(contacts))
 
 
@@ -114,18 +123,23 @@ def find_with(
     body: np.void,
     start: np.ndarray,
     x: np.ndarray,
-    obstacle: np.void,
+    obstacles: np.ndarray,
+    number: int,
     trees: Trees,
     contacts: np.ndarray,
     found: int,
 ) -> int:
     """Append the contacts of a body with one obstacle, and return the number of all."""
+    obstacle = obstacles[number]
     if not is_near(body, start, x, obstacle):
         return found
-    return find_contacts(
+    total = find_contacts(
         obstacle, trees, x, start, body['first'], body['count'], body['thickness'], True,
         contacts, found,
     )  # fmt: skip
+    for k in range(found, min(total, len(contacts))):
+        contacts[k]['obstacle'] = number
+    return total
 
 
 @helper
@@ -151,7 +165,8 @@ def collide(
     """
     Apply contact impulses and friction to a rigid body, in place.
 
-    They depend on each other, and are computed in alternation.
+    They depend on each other, and are computed in alternation. The normal impulses are left in
+    `scratch[3]`, those of friction in `scratch[4:]`, per mass.
     """
     centre, inverse = vector_of(body['centre']), matrix_of(body['inverse_inertia'])
     angular = applied(inverse, vector_of(body['angular_momentum']))
@@ -166,7 +181,7 @@ def collide(
     fastest = find_rebound(body, before, centre, acceleration, h, contacts, target, speed)
     for k in range(len(contacts)):
         needed[k] = target[k] - speed[k]
-    pressure, friction = STILL, STILL
+    pressure, friction, shares = STILL, STILL, scratch[4:]
     for _ in range(FRICTION_ROUNDS):
         find_supports(centre, inverse, contacts, needed[: len(contacts)], impulse)
         pressure, largest = STILL, 0.0
@@ -174,7 +189,7 @@ def collide(
             pressure = added(pressure, impulse[k], normal_wrench(contacts[k], centre))
             largest = max(largest, impulse[k])
         twist = added(before, 1.0, response(inverse, pressure))
-        friction = find_friction(body, twist, centre, inverse, contacts, impulse)
+        friction = find_friction(body, twist, centre, inverse, contacts, impulse, shares)
         given, change, size = response(inverse, friction), 0.0, 0.0
         for k in range(len(contacts)):
             last = needed[k]
@@ -192,6 +207,29 @@ def collide(
     time = 0.0 if fastest > 0.0 else 0.5 * h
     place_rigidly(body, x, v, centre, scaled(time, change_twist[0]),
                   scaled(time, change_twist[1]), after)  # fmt: skip
+
+
+@helper
+def give(
+    body: np.void,
+    obstacles: np.ndarray,
+    contacts: np.ndarray,
+    scratch: np.ndarray,
+    obstacle_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
+) -> None:
+    """Add what `collide` has left in `scratch` to what obstacles (O, 2, 3) and particles feel."""
+    mass = body['mass']
+    for k in range(len(contacts)):
+        contact, size = contacts[k], scratch[3, k]
+        normal_impulse[body['first'] + contact['particle']] += mass * size
+        impulse = along(column_of(scratch[4:], k), size, vector_of(contact['normal']))
+        origin = vector_of(obstacles[contact['obstacle']]['position'])
+        add_wrench_about(
+            obstacle_impulse[contact['obstacle']], origin, -mass, vector_of(contact['point']),
+            impulse, ZERO,
+        )  # fmt: skip
+    body['touches'] = True
 
 
 @helper
@@ -342,17 +380,23 @@ def find_friction(
     inverse: Matrix,
     contacts: np.ndarray,
     impulse: np.ndarray,
+    shares: np.ndarray,
 ) -> Twist:
-    """Return the wrench of friction, per mass, for given normal impulses."""
+    """
+    Return the wrench of friction, per mass, for given normal impulses.
+
+    The impulses (3, k) of the contacts are written to `shares`.
+    """
     loaded, total = 0, 0.0
     for k in range(len(contacts)):
+        put_column(shares, k, ZERO)
         total += impulse[k]
         loaded += impulse[k] > 0.0
     if loaded == 0:
         return STILL
     if body['coulomb']:
-        return coulomb(body['friction'], twist, centre, inverse, contacts, impulse, loaded)
-    return viscous(body['friction'], twist, centre, inverse, contacts, impulse, total)
+        return coulomb(body['friction'], twist, centre, inverse, contacts, impulse, loaded, shares)
+    return viscous(body['friction'], twist, centre, inverse, contacts, impulse, total, shares)
 
 
 @helper
@@ -364,6 +408,7 @@ def viscous(
     contacts: np.ndarray,
     impulse: np.ndarray,
     total: float,
+    shares: np.ndarray,
 ) -> Twist:
     """Return the wrench that removes a share of the sliding at the centre of pressure."""
     normal, arm, surface = ZERO, ZERO, ZERO
@@ -379,7 +424,10 @@ def viscous(
     wrench = (direction, cross(arm, direction))
     change = response(inverse, wrench)
     mobility = max(dot(wrench[0], change[0]) + dot(wrench[1], change[1]), TINY)
-    return added(STILL, -friction * speed / mobility, wrench)
+    amount = -friction * speed / mobility
+    for k in range(len(contacts)):
+        put_column(shares, k, scaled(amount * impulse[k] / total, direction))
+    return added(STILL, amount, wrench)
 
 
 @helper
@@ -391,6 +439,7 @@ def coulomb(
     contacts: np.ndarray,
     impulse: np.ndarray,
     loaded: int,
+    shares: np.ndarray,
 ) -> Twist:
     """Return the wrench of Coulomb friction: impulses of at most μ λ at each contact."""
     # wrenches of unit impulses along two tangents per contact, as rows; their changes of the twist
@@ -420,6 +469,13 @@ def coulomb(
     for k in range(2 * loaded):
         for axis in range(6):
             total[axis] += given[k] * rows[k, axis]
+    p = 0
+    for k in range(len(contacts)):
+        if impulse[k] > 0.0:
+            for axis in range(3):
+                shares[axis, k] = given[2 * p] * rows[2 * p, axis]
+                shares[axis, k] += given[2 * p + 1] * rows[2 * p + 1, axis]
+            p += 1
     return (total[0], total[1], total[2]), (total[3], total[4], total[5])
 
 
@@ -535,7 +591,7 @@ def correct_position(
     for _ in range(CORRECTION_ROUNDS):
         touched = False
         for number in range(len(obstacles)):
-            found = find_with(body, start, x, obstacles[number], trees, contacts, 0)
+            found = find_with(body, start, x, obstacles, number, trees, contacts, 0)
             if found == 0:
                 continue
             touched, deepest = True, 0

@@ -20,6 +20,7 @@ from softbody_ros.core.collision.obstacle_contacts import bounds_of, find_contac
 from softbody_ros.core.collision.obstacles import distance_from
 from softbody_ros.core.collision.shapes import PLANE
 from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.support import SETTLED, TINY, settling_speed, support
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
@@ -97,6 +98,8 @@ def resolve(
     h: float,
     contacts: np.ndarray,
     scratch: np.ndarray,
+    obstacle_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
 ) -> None:
     """
     Resolve contacts of deformable bodies with obstacles, one after the other.
@@ -110,8 +113,10 @@ def resolve(
         of the meshes of obstacles
     contacts : (C,) CONTACT
         scratch for the particles of any one body
-    scratch : (4, C) float
+    scratch : (7, C) float
         the same
+    obstacle_impulse, normal_impulse
+        results, see `exchange`
 
     """
     planes = True
@@ -129,7 +134,7 @@ def resolve(
         if not planes:
             low_before, high_before = bounds_of(start, first, count)
             low, high = bounds_of(x1, first, count)
-        changed = False
+        changed, offset = False, ZERO
         for number in range(len(obstacles)):
             obstacle = obstacles[number]
             for wall in range(WALLS):
@@ -147,9 +152,10 @@ def resolve(
                     break
                 if changed:
                     update_motion(body, shape, weights, x1, v1)
-                swept = respond(
-                    body, shape, matched, weights, q, region_goals, start, x1, v1, obstacle, trees,
-                    vector_of(gravity), h, contacts[:found], scratch,
+                swept, offset = respond(
+                    body, shape, matched, weights, q, region_goals, start, x1, v1, offset,
+                    obstacle, trees, vector_of(gravity), h, contacts[:found], scratch,
+                    obstacle_impulse[awake[index], number], normal_impulse,
                 )  # fmt: skip
                 changed = True
                 if not planes:
@@ -166,6 +172,7 @@ STANDING = np.dtype(
         ('point', np.float64, (3,)),  # m
         ('normal', np.float64, (3,)),
         ('surface_velocity', np.float64, (3,)),  # m/s
+        ('origin', np.float64, (3,)),  # of the obstacle, m
         ('goal_depth', np.float64),  # of the particle's goal in the obstacle, m, or 0
     ],
     align=True,
@@ -244,6 +251,7 @@ def put_standing(
     put_vector(standing['point'], vector_of(contact['point']))
     put_vector(standing['normal'], vector_of(contact['normal']))
     put_vector(standing['surface_velocity'], vector_of(contact['surface_velocity']))
+    put_vector(standing['origin'], vector_of(obstacle['position']))
     goal = goal_of(body, matched, q, region_goals, body['first'] + contact['particle'])
     standing['goal_depth'] = goal_depth(contact, obstacle, trees, goal, body['thickness'])
 
@@ -285,20 +293,28 @@ def respond(
     start: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
+    offset: Vector,
     obstacle: np.void,
     trees: Trees,
     gravity: Vector,
     h: float,
     contacts: np.ndarray,
     scratch: np.ndarray,
-) -> bool:
+    given_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
+) -> tuple[bool, Vector]:
     """
     Resolve the contact of a body with an obstacle: support, particles, then restitution.
 
+    What the body gives to the obstacle is added to `given_impulse` (2, 3), see `exchange`. With
+    `offset` its centre of mass is away from that of its record, m, by position correction: so
+    rotations about the latter change its momentum.
+
     Returns
     -------
-    bool
+    swept : bool
         whether some contacts were swept, so that their particles may have hit another wall
+    offset : vector
 
     """
     first, last = body['first'], body['first'] + body['count']
@@ -310,38 +326,48 @@ def respond(
     )  # fmt: skip
     carried = carried_weight(patch, shape['scale'], h)
     per_pressure = carried / max(patch.pressure, TINY)
+    impulse, moment = ZERO, ZERO
     if carried > 0.0:
         linear = scaled(per_pressure, patch.force)
         angular = applied(inverse, scaled(per_pressure, patch.torque))
         add_rigid_displacement(x, v, first, last, centre, linear, angular, 0.5 * h)
+        impulse = cross(angular, offset)
+        offset = along(offset, 0.5 * h, plus(linear, impulse))
     swept, mean_change = False, 0.0
-    impulse, moment = ZERO, ZERO
     for k in range(len(contacts)):
         contact = contacts[k]
         swept = swept or contact['swept']
         arm = minus(vector_of(contact['point']), centre)
         contact_support = per_pressure * pressure[k]
+        column = first + contact['particle']
+        point = column_of(x, column)
         normal_change[k], change = collide(
-            body, contact, start, x, v, first + contact['particle'], contact_support / weight[k], h
+            body, contact, start, x, v, column, contact_support / weight[k], h
         )
+        offset = along(offset, weight[k], minus(column_of(x, column), point))
         mean_change += weight[k] * normal_change[k]
+        normal_impulse[column] += body['mass'] * (contact_support + weight[k] * normal_change[k])
         change = along(scaled(weight[k], change), contact_support, vector_of(contact['normal']))
         impulse, moment = plus(impulse, change), plus(moment, cross(arm, change))
     absorbed = absorbed_share(body, shape, patch.speed + 0.5 * mean_change, gravity)
     if absorbed > 0.0:
         force, torque = ZERO, ZERO
         for k in range(len(contacts)):
-            given = scaled(
-                -absorbed * weight[k] * normal_change[k], vector_of(contacts[k]['normal'])
-            )
+            taken = absorbed * weight[k] * normal_change[k]
+            normal_impulse[first + contacts[k]['particle']] -= body['mass'] * taken
+            given = scaled(-taken, vector_of(contacts[k]['normal']))
             arm = minus(vector_of(contacts[k]['point']), centre)
             force, torque = plus(force, given), plus(torque, cross(arm, given))
-        add_rigid_displacement(x, v, first, last, centre, force, applied(inverse, torque), 0.0)
-        impulse, moment = plus(impulse, force), plus(moment, torque)
+        angular = applied(inverse, torque)
+        add_rigid_displacement(x, v, first, last, centre, force, angular, 0.0)
+        impulse, moment = plus(impulse, plus(force, cross(angular, offset))), plus(moment, torque)
     received = body['received']
     put_vector(received[0], plus(vector_of(received[0]), impulse))
     put_vector(received[1], plus(vector_of(received[1]), moment))
-    return swept
+    origin = vector_of(obstacle['position'])
+    add_wrench_about(given_impulse, origin, -body['mass'], centre, impulse, moment)
+    body['touches'] = True
+    return swept, offset
 
 
 @helper
