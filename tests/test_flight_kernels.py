@@ -71,7 +71,8 @@ class Flights:
     def accept(self, awake):
         state = self.state
         accept(
-            state.bodies, awake, state.shapes, state.weights, state.x, self.h, state.reaction
+            state.bodies, awake, state.shapes, state.weights, state.x, self.h, state.reaction,
+            state.normal_impulse, state.obstacle_impulse, state.obstacle_total,
         )  # fmt: skip
 
     def put(self, x, v, index=0):

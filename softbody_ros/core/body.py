@@ -59,9 +59,11 @@ BODY = np.dtype(
         ('velocity', np.float64, (3,)),  # of the centre of mass, m/s
         ('angular_momentum', np.float64, (3,)),  # about the centre of mass, per mass, m²/s
         ('inverse_inertia', np.float64, (3, 3)),  # per mass, 1/m²
+        # integral over time of the wrench of contacts, N s and N m s
+        ('total', np.float64, (2, 3)),
         # of contacts: impulse, m/s, and its moment about the centre, m²/s, per mass
         ('received', np.float64, (2, 3)),
-        ('touches', np.bool_),  # whether a contact has acted on it in its last tick
+        ('touches', np.int64, (2,)),  # 1 if a contact has acted on it, see contact/exchange.py
         ('load', np.float64, (3,)),  # acceleration by the weight of bodies on top of it, m/s²
     ],
     align=True,

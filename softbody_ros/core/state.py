@@ -204,12 +204,12 @@ class State:
         see `BodyState`
     scales : (B,) float
         RMS radii of the rest shapes, m
-    since, total : (B,) int, (B, 2, 3) float
+    since : (B,) int
         see `BodyState`
-    normal_impulse : (N,) float
-        at each particle in the last tick, the sum of all contacts, N s
-    obstacle_impulse : (B, O, 2, 3) float
-        of each body on each obstacle in the last tick, see `contact.exchange`
+    normal_impulse : (2, N) float
+        at each particle in the last tick, the sum of all contacts, N s; halves as in `x`
+    obstacle_impulse : (B, 2, O, 2, 3) float
+        of each body on each obstacle in the last tick, see contact/exchange.py
     obstacle_keys, obstacle_since, obstacle_total : (O,) tuple, (O,) int, (O, 2, 3) float
         see `ObstacleTotals`
 
@@ -237,9 +237,8 @@ class State:
         self.still_samples = np.zeros(len(bodies), np.int64)
         self.scales = np.array([body.rest.scale for body in bodies])
         self.since = np.zeros(len(bodies), np.int64)
-        self.total = np.zeros((len(bodies), 2, 3))
-        self.normal_impulse = np.zeros(first)
-        self.obstacle_impulse = np.zeros((len(bodies), 0, 2, 3))
+        self.normal_impulse = np.zeros((2, first))
+        self.obstacle_impulse = np.zeros((len(bodies), 2, 0, 2, 3))
         self.obstacle_keys: tuple[Hashable, ...] = ()
         self.obstacle_since, self.obstacle_total = np.zeros(0, np.int64), np.zeros((0, 2, 3))
         self.use_shapes(bodies)
@@ -281,8 +280,8 @@ class State:
         self.obstacle_keys = keys
         self.obstacle_since = rearranged(self.obstacle_since, source) + is_new * tick
         self.obstacle_total = rearranged(self.obstacle_total, source)
-        impulse = rearranged(self.obstacle_impulse.swapaxes(0, 1), source)
-        self.obstacle_impulse = np.ascontiguousarray(impulse.swapaxes(0, 1))
+        impulse = rearranged(np.moveaxis(self.obstacle_impulse, 2, 0), source)
+        self.obstacle_impulse = np.ascontiguousarray(np.moveaxis(impulse, 0, 2))
 
     def save_obstacles(self) -> ObstacleTotals:
         """Return a copy of the integrals for obstacles."""
@@ -330,16 +329,38 @@ class State:
 
     def forget_contacts(self, index: int, tick: int) -> None:
         """Sum up the contacts of a body anew, from a tick on."""
-        self.bodies['touches'][index] = False
-        self.reaction[index] = self.total[index] = self.obstacle_impulse[index] = 0.0
-        self.normal_impulse[self.columns(index)] = 0.0
+        self._put_exchange(index, None, np.zeros(0, np.int64), np.zeros(0))
+        self.reaction[index] = self.bodies['total'][index] = 0.0
         self.since[index] = tick
+
+    def normal_impulses(self, index: int) -> np.ndarray:
+        """Return a view of the normal impulses (n,) at the particles of a body, N s."""
+        return self.normal_impulse[self.bodies['now'][index], self.columns(index)]
+
+    def obstacle_impulses(self, index: int) -> np.ndarray:
+        """Return a view of the impulses (O, 2, 3) of a body on obstacles, N s, N m s."""
+        return self.obstacle_impulse[index, self.bodies['now'][index]]
+
+    def _put_exchange(
+        self,
+        index: int,
+        obstacle_impulse: np.ndarray | None,
+        touched: np.ndarray,
+        normal_impulse: np.ndarray,
+    ) -> None:
+        """Set what a body has exchanged in the last tick, see `BodyState`."""
+        self.bodies['touches'][index] = 0
+        self.obstacle_impulse[index] = self.normal_impulse[:, self.columns(index)] = 0.0
+        if obstacle_impulse is not None:
+            self.bodies['touches'][index, self.bodies['now'][index]] = 1
+            self.obstacle_impulses(index)[:] = obstacle_impulse
+            self.normal_impulses(index)[touched] = normal_impulse
 
     def save(self, index: int) -> BodyState:
         """Return a copy of the state of a body."""
         stretch = self.plastic_state(index)
-        touches, normal_impulse = self.bodies['touches'][index], self.normal_impulse
-        normal_impulse = normal_impulse[self.columns(index)][: None if touches else 0]
+        touches = self.bodies['touches'][index, self.bodies['now'][index]]
+        normal_impulse = self.normal_impulses(index)
         touched = np.flatnonzero(normal_impulse)
         return BodyState(
             self.positions(index).copy(),
@@ -349,10 +370,10 @@ class State:
             self.anchor[:, self.columns(index)].copy(),
             int(self.still_samples[index]),
             int(self.since[index]),
-            self.total[index].copy(),
+            self.bodies['total'][index].copy(),
             touched,
             normal_impulse[touched],
-            self.obstacle_impulse[index].copy() if touches else None,
+            self.obstacle_impulses(index).copy() if touches else None,
         )
 
     def restore(self, index: int, saved: BodyState) -> None:
@@ -362,13 +383,8 @@ class State:
         self.reaction[index] = saved.reaction
         self.anchor[:, self.columns(index)] = saved.anchor
         self.still_samples[index] = saved.still_samples
-        self.since[index], self.total[index] = saved.since, saved.total
-        normal_impulse = self.normal_impulse[self.columns(index)]
-        normal_impulse[:] = 0.0
-        normal_impulse[saved.touched] = saved.normal_impulse
-        given = saved.obstacle_impulse
-        self.bodies['touches'][index] = given is not None
-        self.obstacle_impulse[index] = 0.0 if given is None else given
+        self.since[index], self.bodies['total'][index] = saved.since, saved.total
+        self._put_exchange(index, saved.obstacle_impulse, saved.touched, saved.normal_impulse)
 
 
 def _side_by_side(rows: int, fields: Sequence[np.ndarray]) -> np.ndarray:

@@ -15,10 +15,10 @@ from softbody_ros.core.collision.obstacle_contacts import CONTACT
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact import body_body, exchange, rigid_obstacle, soft_obstacle
+from softbody_ros.core.contact import body_body, rigid_obstacle, soft_obstacle
 from softbody_ros.core.contact.contact_state import FixedPoints
+from softbody_ros.core.contact.exchange import accept_exchange, add_up
 from softbody_ros.core.geometry.bvh import Trees
-from softbody_ros.core.geometry.vectors import put_vector, scaled, vector_of
 from softbody_ros.core.shape_matching import flight, pins
 from softbody_ros.core.state import Body, State
 
@@ -124,7 +124,6 @@ class Integrator:
         """
         state, gravity = self._state, environment.gravity
         self._predict_and_match(awake, gravity, h)
-        exchange.forget_contacts(state.bodies, awake, state.obstacle_impulse, state.normal_impulse)
         if self._any_pairs or environment.fixed_points:
             body_body.resolve_body_contacts(
                 state, awake, environment.surfaces, environment.fixed_points,
@@ -133,10 +132,9 @@ class Integrator:
         if len(environment.records):
             self.resolve_obstacle_contacts(awake, environment, h)
         self._hold_pins(awake, h)
-        accept(state.bodies, awake, state.shapes, state.weights, state.x, h, state.reaction)
-        exchange.add_up(
-            state.bodies, state.reaction, h, state.obstacle_impulse, state.total,
-            state.obstacle_total,
+        accept(
+            state.bodies, awake, state.shapes, state.weights, state.x, h, state.reaction,
+            state.normal_impulse, state.obstacle_impulse, state.obstacle_total,
         )  # fmt: skip
 
     def resolve_obstacle_contacts(
@@ -206,13 +204,28 @@ def accept(
     x: np.ndarray,
     h: float,
     reaction: np.ndarray,
+    normal_impulse: np.ndarray,
+    obstacle_impulse: np.ndarray,
+    obstacle_total: np.ndarray,
 ) -> None:
-    """Make the computed halves the state, and write contact wrenches per mass (B, 2, 3)."""
+    """
+    Make the computed halves the state, and integrate the wrenches of contacts over time.
+
+    Parameters
+    ----------
+    bodies, awake, shapes, weights, x, h
+        see `flight.predict_and_match`
+    reaction, normal_impulse, obstacle_impulse, obstacle_total
+        see `State`
+
+    """
     for index in range(len(awake)):
         body = bodies[awake[index]]
         body['now'] = 1 - body['now']
         body['is_plastic'] = body['is_plastic'] or body['flowed']
-        moment = exchange.moment_about_centre(body, shapes[body['shape']], weights, x[body['now']])
-        force = vector_of(body['received'][0])
-        put_vector(reaction[awake[index], 0], scaled(1.0 / h, force))
-        put_vector(reaction[awake[index], 1], scaled(1.0 / h, moment))
+        accept_exchange(
+            body, shapes[body['shape']], weights, x[body['now']], h,
+            obstacle_impulse[awake[index]], normal_impulse, reaction[awake[index]],
+        )  # fmt: skip
+    for index in range(len(bodies)):
+        add_up(bodies[index], reaction[index], h, obstacle_impulse[index], obstacle_total)

@@ -275,9 +275,11 @@ class World:
                 ]
             )
             weight = h * state.bodies['mass'][members, None] * gravity
-            given = state.obstacle_impulse[members]
-            exchange.balance(given, origins, weight, centres)
-            state.obstacle_impulse[members] = given
+            given = [state.obstacle_impulses(index) for index in members]
+            for row, balanced in zip(
+                given, exchange.balanced(np.array(given), origins, weight, centres), strict=True
+            ):
+                row[:] = balanced
 
     def _wake_touching(self) -> None:
         """Wake bodies asleep that awake bodies or moving obstacles touch."""
@@ -872,13 +874,16 @@ class World:
 
         """
         row = self._obstacle_row(name)
-        force, torque = self._state.obstacle_impulse[:, row].sum(axis=0) / self.config.time_step
+        total = np.zeros((2, 3))
+        for index in range(len(self._bodies)):
+            total += self._state.obstacle_impulses(index)[row]
+        force, torque = total / self.config.time_step
         return force, torque
 
     def contact_impulse(self, name: str) -> ContactImpulse:
         """Return the integral over time of `contact_wrench`, see `contact_forces`."""
         index = self._index_of(name)
-        return self._impulse(self._state.total[index], self._state.since[index])
+        return self._impulse(self._state.bodies['total'][index], self._state.since[index])
 
     def obstacle_impulse(self, name: ObstacleKey) -> ContactImpulse:
         """Return the integral over time of `obstacle_wrench`, see `contact_forces`."""
@@ -897,8 +902,8 @@ class World:
         The sum over its contacts with obstacles, points and faces of bodies, and over contacts of
         faces that it is a corner of, by its share. Of a body asleep, that before it fell asleep.
         """
-        columns = self._state.columns(self._index_of(name))
-        return np.asarray(self._state.normal_impulse[columns] / self.config.time_step)
+        impulses = self._state.normal_impulses(self._index_of(name))
+        return np.asarray(impulses / self.config.time_step)
 
     @property
     def obstacle_keys(self) -> tuple[ObstacleKey, ...]:

@@ -223,15 +223,18 @@ def add_impulses(
             add_wrench(one, one['received'], 1.0, point, impulse)
             add_wrench(two, two['received'], -1.0, point, impulse)
             if one['body'] < 0:
-                row = obstacle_impulse[two['body'], one['obstacle']]
+                half = 1 - bodies[two['body']]['now']
+                row = obstacle_impulse[two['body'], half, one['obstacle']]
                 add_wrench_about(row, vector_of(one['centre']), 1.0, point, impulse, ZERO)
             if two['body'] < 0:
-                row = obstacle_impulse[one['body'], two['obstacle']]
+                half = 1 - bodies[one['body']]['now']
+                row = obstacle_impulse[one['body'], half, two['obstacle']]
                 add_wrench_about(row, vector_of(two['centre']), -1.0, point, impulse, ZERO)
             for corner in range(4):
                 member = members[contact['body'] if corner == 0 else contact['other']]
                 if member['body'] >= 0:
                     body = bodies[member['body']]
                     particle = body['first'] + contact['particles'][corner] - member['first']
-                    normal_impulse[particle] += abs(contact['coefficients'][corner]) * amount
-                    body['touches'] = True
+                    share = abs(contact['coefficients'][corner])
+                    normal_impulse[1 - body['now'], particle] += share * amount
+                    body['touches'][1 - body['now']] = 1

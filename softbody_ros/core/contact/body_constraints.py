@@ -202,15 +202,16 @@ def give_to_obstacles(
         if k == 0 or contact['body'] != last['body'] or contact['obstacle'] != last['obstacle']:
             number += 1
         body, constraint = bodies[contact['body']], constraints[number]
-        first = shapes[body['shape']]['first']
+        first, half = shapes[body['shape']]['first'], 1 - body['now']
         weight = max(weights[first + contact['particle']], TINY)
         size = constraint['impulse'] * weight / constraint['weight']
-        normal_impulse[body['first'] + contact['particle']] += size
+        normal_impulse[half, body['first'] + contact['particle']] += size
         add_wrench_about(
-            obstacle_impulse[contact['body'], contact['obstacle']], vector_of(contact['origin']),
-            -size, vector_of(contact['point']), vector_of(contact['normal']), ZERO,
+            obstacle_impulse[contact['body'], half, contact['obstacle']],
+            vector_of(contact['origin']), -size, vector_of(contact['point']),
+            vector_of(contact['normal']), ZERO,
         )  # fmt: skip
-        body['touches'] = True
+        body['touches'][half] = 1
 
 
 @kernel

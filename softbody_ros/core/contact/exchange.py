@@ -6,13 +6,14 @@ What bodies and obstacles exchange by contacts in a tick, and since the start.
 A solver of contacts adds to three results for each contact that it resolves:
 
 * `received` of the body, about `centre` of the same record, per mass;
-* `obstacle_impulse` (B, O, 2, 3): of each body on each obstacle, the impulse, N s, and its moment
-  about the origin of the obstacle at the end of the tick, N m s. The last row stands for all point
-  obstacles together, about the origin of the world;
-* `normal_impulse` (N,): along the normals at each particle, N s.
+* `obstacle_impulse` (B, 2, O, 2, 3): of each body on each obstacle, the impulse, N s, and its
+  moment about the origin of the obstacle at the end of the tick, N m s. The last row is that of
+  all point obstacles together, about the origin of the world;
+* `normal_impulse` (2, N): along the normals at each particle, N s.
 
-A body that any contact has acted on is marked by `touches`. The rows of a body asleep stay as they
-are: so it goes on to weigh on what it lies on.
+Both are double-buffered as positions are: the half `1 - now` of the body is written, and zero
+before. A body on which any contact has acted is marked by `touches` of that half. What a body
+asleep exerts stays as it is: so it goes on to weigh on what it lies on.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
     ZERO,
     Vector,
@@ -31,29 +32,9 @@ from softbody_ros.core.geometry.vectors import (
     minus,
     plus,
     put_vector,
+    scaled,
     vector_of,
 )
-
-
-@kernel
-def forget_contacts(
-    bodies: np.ndarray,
-    awake: np.ndarray,
-    obstacle_impulse: np.ndarray,
-    normal_impulse: np.ndarray,
-) -> None:
-    """Set to zero what the awake bodies have exchanged in the tick before."""
-    for index in range(len(awake)):
-        body = bodies[awake[index]]
-        if not body['touches']:
-            continue
-        body['touches'] = False
-        own = obstacle_impulse[awake[index]]
-        for number in range(len(own)):
-            put_vector(own[number, 0], ZERO)
-            put_vector(own[number, 1], ZERO)
-        for i in range(body['first'], body['first'] + body['count']):
-            normal_impulse[i] = 0.0
 
 
 @helper
@@ -71,72 +52,117 @@ def add_wrench_about(
     put_vector(total[1], along(vector_of(total[1]), factor, moment))
 
 
-@kernel
-def add_up(
-    bodies: np.ndarray,
-    reaction: np.ndarray,
+@helper
+def accept_exchange(
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    x: np.ndarray,
     h: float,
-    obstacle_impulse: np.ndarray,
-    total: np.ndarray,
-    obstacle_total: np.ndarray,
+    own: np.ndarray,
+    normal_impulse: np.ndarray,
+    reaction: np.ndarray,
 ) -> None:
     """
-    Add the wrenches of a tick to their integrals over time.
+    Write the wrench of a body in its tick, per mass, and clear the half of the tick before.
 
     Parameters
     ----------
-    bodies : (B,) BODY
-        all of them, awake or not
-    reaction : (B, 2, 3) float
-        force, m/s², and torque, m²/s², per mass
+    body, shape : BODY, SHAPE
+        `now` of the body is the half of this tick
+    weights, x : (M,), (3, N) float
+        positions at the end of the tick, m
     h : float
         s
-    obstacle_impulse : (B, O, 2, 3) float
-        N s, N m s
-    total, obstacle_total : (B, 2, 3), (O, 2, 3) float
-        changed, N s, N m s
+    own : (2, O, 2, 3) float
+        row of `obstacle_impulse`
+    normal_impulse : (2, N) float
+    reaction : (2, 3) float
+        m/s², m²/s²
 
     """
-    for index in range(len(bodies)):
-        body = bodies[index]
-        for row in range(2):
-            for axis in range(3):
-                total[index, row, axis] += body['mass'] * h * reaction[index, row, axis]
-        if body['touches']:
-            for number in range(len(obstacle_total)):
-                for row in range(2):
-                    for axis in range(3):
-                        given = obstacle_impulse[index, number, row, axis]
-                        obstacle_total[number, row, axis] += given
+    impulse, moment = vector_of(body['received'][0]), vector_of(body['received'][1])
+    if dot(impulse, impulse) > 0.0:
+        # position correction has moved the centre away from that of the record
+        offset = minus(vector_of(body['centre']), centre_of_mass(body, shape, weights, x))
+        moment = plus(moment, cross(offset, impulse))
+    put_vector(reaction[0], scaled(1.0 / h, impulse))
+    put_vector(reaction[1], scaled(1.0 / h, moment))
+    before = 1 - body['now']
+    if body['touches'][before] > 0:
+        body['touches'][before] = 0
+        for number in range(own.shape[1]):
+            put_vector(own[before, number, 0], ZERO)
+            put_vector(own[before, number, 1], ZERO)
+        for i in range(body['first'], body['first'] + body['count']):
+            normal_impulse[before, i] = 0.0
 
 
 @helper
-def moment_about_centre(
-    body: np.void, shape: np.void, weights: np.ndarray, x: np.ndarray
-) -> Vector:
-    """
-    Return the moment of what a body has received about its centre of mass in x (3, N), m²/s.
-
-    Position correction moves the centre away from that of its record.
-    """
-    impulse, moment = vector_of(body['received'][0]), vector_of(body['received'][1])
-    if dot(impulse, impulse) == 0.0:
-        return moment
-    begin, end, first = body['first'], body['first'] + body['count'], shape['first']
-    own, x0, x1, x2 = weights[first:], x[0, begin:end], x[1, begin:end], x[2, begin:end]
-    a = b = c = 0.0
-    for i in range(len(x0)):
+def centre_of_mass(body: np.void, shape: np.void, weights: np.ndarray, x: np.ndarray) -> Vector:
+    """Return the centre of mass of a body in x (3, N), m."""
+    first, count = body['first'], body['count']
+    own = weights[shape['first'] : shape['first'] + count]
+    x0, x1, x2 = x[0, first : first + count], x[1, first : first + count], x[2, first:]
+    # two sums for each axis: the processor adds them at the same time
+    a = b = c = d = e = f = 0.0
+    for i in range(0, count - 1, 2):
         a += own[i] * x0[i]
         b += own[i] * x1[i]
         c += own[i] * x2[i]
-    return plus(moment, cross(minus(vector_of(body['centre']), (a, b, c)), impulse))
+        d += own[i + 1] * x0[i + 1]
+        e += own[i + 1] * x1[i + 1]
+        f += own[i + 1] * x2[i + 1]
+    if count % 2 == 1:
+        i = count - 1
+        a += own[i] * x0[i]
+        b += own[i] * x1[i]
+        c += own[i] * x2[i]
+    return a + d, b + e, c + f
 
 
-def balance(
-    obstacle_impulse: np.ndarray, origins: np.ndarray, weight: np.ndarray, centres: np.ndarray
+@helper
+def add_up(
+    body: np.void,
+    reaction: np.ndarray,
+    h: float,
+    own: np.ndarray,
+    obstacle_total: np.ndarray,
 ) -> None:
     """
-    Make what an island of c bodies at rest exerts on its supports equal its weight, in place.
+    Add the wrenches of a tick of a body, awake or not, to their integrals over time.
+
+    Parameters
+    ----------
+    body : BODY
+        `total` is changed
+    reaction : (2, 3) float
+        force, m/s², and torque, m²/s², per mass
+    h : float
+        s
+    own : (2, O, 2, 3) float
+        row of `obstacle_impulse`
+    obstacle_total : (O, 2, 3) float
+        changed, N s, N m s
+
+    """
+    seconds = body['mass'] * h
+    for row in range(2):
+        for axis in range(3):
+            body['total'][row, axis] += seconds * reaction[row, axis]
+    now = body['now']
+    if body['touches'][now] > 0:
+        for number in range(len(obstacle_total)):
+            for row in range(2):
+                for axis in range(3):
+                    obstacle_total[number, row, axis] += own[now, number, row, axis]
+
+
+def balanced(
+    obstacle_impulse: np.ndarray, origins: np.ndarray, weight: np.ndarray, centres: np.ndarray
+) -> np.ndarray:
+    """
+    Return what an island of c bodies at rest exerts on obstacles, changed to equal its weight.
 
     Before it falls asleep a remnant of motion is left: its wrench is distributed in proportion to
     the impulses.
@@ -155,13 +181,13 @@ def balance(
     """
     size = np.sqrt((obstacle_impulse[:, :, 0] ** 2).sum(axis=2))
     if not size.any():
-        return
+        return obstacle_impulse
     share = (size / size.sum())[:, :, None]
     moments = obstacle_impulse[:, :, 1] + np.cross(origins, obstacle_impulse[:, :, 0])
     force = weight.sum(axis=0) - obstacle_impulse[:, :, 0].sum(axis=(0, 1))
     torque = np.cross(centres, weight).sum(axis=0) - moments.sum(axis=(0, 1))
-    obstacle_impulse[:, :, 0] += share * force
-    obstacle_impulse[:, :, 1] += share * (torque - np.cross(origins, force))
+    change = share * force, share * (torque - np.cross(origins, force))
+    return obstacle_impulse + np.stack(change, axis=2)
 
 
 def rearranged(values: np.ndarray, source: Sequence[int]) -> np.ndarray:

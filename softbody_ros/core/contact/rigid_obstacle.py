@@ -96,8 +96,8 @@ def resolve(
         if found > 0:
             collide(body, x1, v1, vector_of(gravity), h, contacts[:found], scratch)
             give(
-                body, obstacles, contacts[:found], scratch, obstacle_impulse[awake[index]],
-                normal_impulse,
+                body, obstacles, contacts[:found], scratch,
+                obstacle_impulse[awake[index], 1 - body['now']], normal_impulse[1 - body['now']],
             )  # fmt: skip
             correct_position(body, start, x1, obstacles, trees, contacts)
 
@@ -229,7 +229,7 @@ def give(
             obstacle_impulse[contact['obstacle']], origin, -mass, vector_of(contact['point']),
             impulse, ZERO,
         )  # fmt: skip
-    body['touches'] = True
+    body['touches'][1 - body['now']] = 1
 
 
 @helper

@@ -155,7 +155,7 @@ def resolve(
                 swept, offset = respond(
                     body, shape, matched, weights, q, region_goals, start, x1, v1, offset,
                     obstacle, trees, vector_of(gravity), h, contacts[:found], scratch,
-                    obstacle_impulse[awake[index], number], normal_impulse,
+                    obstacle_impulse[awake[index], 1 - now, number], normal_impulse[1 - now],
                 )  # fmt: skip
                 changed = True
                 if not planes:
@@ -366,7 +366,7 @@ def respond(
     put_vector(received[1], plus(vector_of(received[1]), moment))
     origin = vector_of(obstacle['position'])
     add_wrench_about(given_impulse, origin, -body['mass'], centre, impulse, moment)
-    body['touches'] = True
+    body['touches'][1 - body['now']] = 1
     return swept, offset
 
 
