@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Forces of contacts come out: on bodies, obstacles, points and particles, in a tick and as means."""
+"""Forces of contacts on bodies, obstacles, points and particles: of a tick, and means."""
 
 from core_helpers import body, bytes_of, centre, momentum
 import numpy as np
@@ -31,7 +31,7 @@ def world_of(*bodies, h=1 / 240, obstacles=(GROUND,), **values):
 
 def box(name='body', **values):
     """Return a body that lies still soon: a box of 98 particles, of 2 kg."""
-    values = {'subdivisions': 2, 'size': 0.4, 'mass': 2.0, 'position': (0.0, 0.0, 0.3)} | values
+    values = {'subdivisions': 2, 'size': 0.2, 'mass': 2.0, 'position': (0.0, 0.0, 0.3)} | values
     return body('box', name=name, **values)
 
 
@@ -69,7 +69,7 @@ def assert_balanced(world):
     return largest
 
 
-# ---------------------------------------------------------------------------------- equal, opposite
+# --------------------------------------------------------------------------------- equal, opposite
 OBSTACLES = (
     GROUND,
     ObstacleConfig(name='box', type='box', size=(0.3, 0.3, 0.3), position=(1.0, 0.0, 0.3)),
@@ -90,11 +90,11 @@ OBSTACLES = (
 
 @every_mode
 @every_step
-@pytest.mark.parametrize('friction_model', ('viscous', 'coulomb'))
+@pytest.mark.parametrize('friction_model', ['viscous', 'coulomb'])
 def test_action_is_reaction_in_every_tick(mode, h, friction_model):
     bodies = [
         body(
-            'box' if column % 2 else 'icosphere', name=f'{column}{row}', mode=mode, size=0.3,
+            'box' if column % 2 else 'icosphere', name=f'at{column}{row}', mode=mode, size=0.17,
             mass=1.0 + 20.0 * row, friction_model=friction_model, subdivisions=2,
             position=(column + 0.1, 0.05, 0.8 + 0.35 * row),
             initial_velocity_linear=(0.0, 0.0, -2.0),
@@ -103,7 +103,7 @@ def test_action_is_reaction_in_every_tick(mode, h, friction_model):
         for row in range(2)
     ]  # fmt: skip
     bodies.append(
-        body(name='pinned', mode=mode, size=0.3, position=(2.5, 0.0, 0.4), pins_indices=(0,))
+        body(name='pinned', mode=mode, size=0.2, position=(2.45, 0.0, 0.4), pins_indices=(0,))
     )
     world = world_of(*bodies, h=h, obstacles=OBSTACLES)
     world.set_points(PointObstacles(np.array([(0.5, 0.0, 0.2), (5.1, 0.0, 0.3)]), 0.05))
@@ -123,7 +123,10 @@ def test_action_is_reaction_in_every_tick(mode, h, friction_model):
 def test_bodies_push_each_other_equally_and_opposite(mode):
     first = body(name='a', mode=mode, mass=2.0, initial_velocity_linear=(2.0, 0.0, 0.0))
     world = world_of(
-        first, body(name='b', mode=mode, position=(1.2, 0.3, 0.1)), gravity_magnitude=0.0
+        first,
+        body(name='b', mode=mode, position=(1.2, 0.3, 0.1)),
+        gravity_magnitude=0.0,
+        obstacles=(),
     )
     largest = 0.0
     for _ in range(120):
@@ -136,7 +139,7 @@ def test_bodies_push_each_other_equally_and_opposite(mode):
     assert not on_obstacles(world).any()
 
 
-# ------------------------------------------------------------------------------------------- weight
+# ------------------------------------------------------------------------------------------ weight
 @every_mode
 @every_step
 def test_a_body_at_rest_weighs_on_what_it_lies_on(mode, h):
@@ -169,28 +172,25 @@ def test_the_torque_is_that_of_the_weight_on_its_lever(mode, h):
     table = ObstacleConfig(
         name='table', type='box', size=(0.5, 0.5, 0.1), position=(1.0, 2.0, 0.0)
     )
-    ball = body(
-        mode=mode, mass=3.0, size=0.4, subdivisions=2, position=(1.3, 1.8, 0.31),
-        friction_model='viscous',
-    )  # fmt: skip
-    world = world_of(ball, h=h, obstacles=(table,))
-    world.step(round(1.5 / h))
+    world = world_of(box(mode=mode, mass=3.0, position=(1.2, 1.9, 0.31)), h=h, obstacles=(table,))
+    world.step(round(1.0 / h))
     means = MeanWrenches(world)
     world.step(round(0.5 / h))
     arm = centre(world) - (1.0, 2.0, 0.0)
-    assert arm[:2] == pytest.approx([0.3, -0.2], abs=0.05)
+    assert arm[:2] == pytest.approx([0.2, -0.1], abs=0.01)
     force, torque = means.obstacle_wrench('table')
     assert force == pytest.approx([0.0, 0.0, -3.0 * G], abs=3e-3 * G)
-    assert torque == pytest.approx(np.cross(arm, (0.0, 0.0, -3.0 * G)), abs=0.02)
+    assert torque == pytest.approx(np.cross(arm, (0.0, 0.0, -3.0 * G)), abs=0.01)
 
 
-# ------------------------------------------------------------------------------------------- impact
+# ------------------------------------------------------------------------------------------ impact
 @every_mode
 @every_step
-@pytest.mark.parametrize('every', (1, 7, 10_000))
+@pytest.mark.parametrize('every', [1, 7, 10_000])
 def test_no_reader_loses_any_of_an_impact(mode, h, every):
     thrown = body(
-        'box', mode=mode, mass=2.0, size=0.4, subdivisions=2, position=(0.0, 0.0, 0.6),
+        'box', name='body', mode=mode, mass=2.0, size=0.25, subdivisions=2,
+        position=(0.0, 0.0, 0.6),
         initial_velocity_linear=(1.0, 0.0, -2.0), initial_velocity_angular=(1.0, 3.0, 0.5),
     )  # fmt: skip
     world = world_of(thrown, h=h)
@@ -230,7 +230,7 @@ def test_readers_do_not_see_each_other_and_leave_no_trace(mode):
 
 def test_asked_twice_in_a_tick_a_reader_gets_that_of_the_tick():
     world = world_of(box())
-    world.step(20)
+    world.step(30)
     means = MeanWrenches(world)
     world.step(7)
     mean, again = means.obstacle_wrench('ground'), means.obstacle_wrench('ground')
@@ -242,15 +242,14 @@ def test_asked_twice_in_a_tick_a_reader_gets_that_of_the_tick():
 
 
 def test_the_mean_torque_is_that_about_the_moving_origin():
-    # a ball lies at the same place of a lift, far from the origin of the world
+    # a box lies at the same place of a lift, far from the origin of the world
     lift = ObstacleConfig(
         name='lift', type='box', size=(0.5, 0.5, 0.1), velocity_linear=(0.0, 0.0, 0.5)
     )
-    ball = body(
-        mode='rigid', size=0.4, position=(0.3, 0.0, 0.301), mesh='box',
-        initial_velocity_linear=(0.0, 0.0, 0.5),
-    )  # fmt: skip
-    world = world_of(ball, obstacles=(lift,))
+    world = world_of(
+        box(mass=1.0, position=(0.3, 0.0, 0.301), initial_velocity_linear=(0.0, 0.0, 0.5)),
+        obstacles=(lift,),
+    )
     world.step(120)
     means, torques = MeanWrenches(world), []
     for _ in range(240):
@@ -258,10 +257,12 @@ def test_the_mean_torque_is_that_about_the_moving_origin():
         torques.append(world.obstacle_wrench('lift')[1])
     torque = means.obstacle_wrench('lift')[1]
     assert torque == pytest.approx(np.mean(torques, axis=0), abs=1e-9)
-    assert torque[1] == pytest.approx(0.3 * G, rel=0.02)
+    arm = centre(world) - world.obstacles[0].position
+    assert arm[0] > 0.25
+    assert torque == pytest.approx(np.cross(arm, (0.0, 0.0, -G)), abs=0.03)
 
 
-# ------------------------------------------------------------------------------------------- asleep
+# ------------------------------------------------------------------------------------------ asleep
 @every_mode
 def test_a_body_asleep_goes_on_to_weigh_on_the_ground(mode):
     world = world_of(box(mode=mode), box('next', mode=mode, mass=3.0, position=(2.0, 0.0, 0.3)))
@@ -289,7 +290,7 @@ def test_a_body_asleep_goes_on_to_weigh_on_the_ground(mode):
 @every_mode
 def test_a_pile_asleep_weighs_on_the_ground(mode):
     pile = [
-        box(str(level), mode=mode, mass=1.0 + level, position=(0.0, 0.0, 0.21 + 0.41 * level))
+        box(f'level{level}', mode=mode, mass=1.0 + level, position=(0.0, 0.0, 0.21 + 0.41 * level))
         for level in range(3)
     ]
     world = world_of(*pile)
@@ -299,11 +300,11 @@ def test_a_pile_asleep_weighs_on_the_ground(mode):
     assert_balanced(world)
 
 
-# --------------------------------------------------------------------------------- what is asked of
+# -------------------------------------------------------------------------------- what is asked of
 def test_edges_of_an_obstacle_count_for_it():
     # a ball rests on a thin wall, between its particles
     wall = ObstacleConfig(name='wall', type='box', size=(0.002, 1.0, 0.5))
-    ball = body(mode='rigid', mass=1.0, position=(0.01, 0.0, 1.05), subdivisions=1)
+    ball = body(name='body', mode='rigid', mass=1.0, position=(0.01, 0.0, 1.05), subdivisions=1)
     world = world_of(ball, obstacles=(wall,))
     world.step(60)
     assert_balanced(world)
@@ -311,10 +312,10 @@ def test_edges_of_an_obstacle_count_for_it():
 
 
 def test_points_are_asked_for_together():
-    points = PointObstacles(np.array([(0.1, 0.0, 0.0), (-0.1, 0.1, 0.0), (-0.1, -0.1, 0.0)]), 0.1)
+    points = PointObstacles(np.array([(0.1, 0.0, 0.0), (-0.1, 0.1, 0.0), (-0.1, -0.1, 0.0)]), 0.09)
     world = world_of(box(mode='rigid', position=(0.0, 0.0, 0.31)), obstacles=())
     world.set_points(points)
-    world.step(240)
+    world.step(480)
     means = MeanWrenches(world)
     world.step(60)
     assert means.obstacle_wrench(None)[0] == pytest.approx([0.0, 0.0, -2.0 * G], abs=0.02)
@@ -357,7 +358,7 @@ def test_obstacles_come_and_go():
     assert mean == pytest.approx(world.obstacle_impulse('ground').impulse / 0.1)
 
 
-# --------------------------------------------------------------------------------------------- time
+# -------------------------------------------------------------------------------------------- time
 def exchanged(world):
     """Return all that contacts have exchanged as something to compare."""
     of_bodies = [(world.contact_impulse(name), world.contact_wrench(name)) for name in world.names]
@@ -377,7 +378,7 @@ def exchanged(world):
 
 
 @every_mode
-@pytest.mark.parametrize('at', (20, 60, 1500), ids=('falling', 'landing', 'asleep'))
+@pytest.mark.parametrize('at', [20, 60, 1500], ids=('falling', 'landing', 'asleep'))
 def test_a_snapshot_brings_back_what_was_exchanged(mode, at):
     world = world_of(box(mode=mode), box('next', mode=mode, position=(2.0, 0.0, 0.5)))
     world.step(at)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 import trimesh
 
-from softbody_ros.core import ObstacleConfig, Surface, make_surface
+from softbody_ros.core import MeanWrenches, ObstacleConfig, Surface, make_surface
 
 GROUND = ObstacleConfig(name='ground')
 
@@ -67,33 +67,22 @@ def run(ticks):
 
 # ----------------------------------------------------------------------------------------- forces
 def mean_forces(world, names, ticks):
-    """
-    Return the mean force (3,) on each of some obstacles while ticks are taken, N.
-
-    NaN if the world does not know the forces on obstacles.
-    """
-    knows = hasattr(world, 'obstacle_wrench')
-    if knows:
-        for name in names:
-            world.obstacle_wrench(name)  # begins the mean
+    """Return the mean force (3,) on each of some obstacles while ticks are taken, N."""
+    means = MeanWrenches(world)
     run(ticks)
-    return [world.obstacle_wrench(name)[0] if knows else np.full(3, np.nan) for name in names]
+    return [means.obstacle_wrench(name)[0] for name in names]
 
 
 def mean_contact_force(world, name, seconds):
     """Return the mean force (3,) of all contacts of a body, N."""
-    return np.mean([world.contact_wrench(name)[0] for _ in stepped(world, seconds)], axis=0)
+    means = MeanWrenches(world)
+    run(stepped(world, seconds))
+    return means.contact_wrench(name)[0]
 
 
 def carried_by_ground(world, seconds):
-    """Return the mean force with which bodies press on the obstacle `ground`, if it is all, N."""
-    if hasattr(world, 'obstacle_wrench'):
-        return -mean_forces(world, ['ground'], stepped(world, seconds))[0][2]
-    forces = [
-        sum(world.contact_wrench(name)[0][2] for name in world.names)
-        for _ in stepped(world, seconds)
-    ]
-    return float(np.mean(forces))
+    """Return the mean force with which bodies press on the obstacle `ground`, N."""
+    return -float(mean_forces(world, ['ground'], stepped(world, seconds))[0][2])
 
 
 # ----------------------------------------------------------------------------------------- motion
