@@ -57,8 +57,9 @@ def sizes(world):
 def assert_kept(world, before, scale, tolerance=1e-9):
     """Assert that momentum and angular momentum are those before."""
     after = totals(world)
-    assert np.linalg.norm(after[0] - before[0]) <= tolerance * scale[0]
-    assert np.linalg.norm(after[1] - before[1]) <= tolerance * scale[1]
+    # bodies at rest that are put into each other have forces, but no momentum to compare with
+    assert np.linalg.norm(after[0] - before[0]) <= tolerance * scale[0] + 1e-20
+    assert np.linalg.norm(after[1] - before[1]) <= tolerance * scale[1] + 1e-20
 
 
 def gap_speed(world):
@@ -146,7 +147,7 @@ def test_bodies_of_more_elasticity_part_faster(mode):
 @pytest.mark.parametrize('mesh', ['box', 'icosphere'])
 def test_rigid_bodies_have_their_elasticity_as_restitution(mesh, elasticity, ratio):
     # a fine ball: from a coarse one others rebound sideways
-    fine = values_of() if mesh == 'box' else values_of(subdivisions=3, turned=True)
+    fine = values_of() if mesh == 'box' else values_of(subdivisions=4, turned=True)
     bodies = shared(mesh=mesh, mode='rigid', elasticity=elasticity, friction=0.0, **fine)
     world = floating(bodies[0], changed(bodies[1], mass=ratio), h=H)
     before = totals(world)[2]

@@ -23,8 +23,11 @@ sequence of stages (step.py), each one or several kernels (compiled.py) over all
    and position correction at each contact (particle_solver).
 3. contact/soft_obstacle.py, contact/rigid_obstacle.py, contacts with obstacles: found by
    collision/obstacle_contacts.py, shapes in collision/shapes.py, meshes in geometry/bvh.py.
-4. shape_matching/pins.py: prescribed motion of pinned particles.
-5. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
+4. contact/rigid_contact.py, all contacts of rigid bodies, in place of 2 and 3 where neither soft
+   nor pinned bodies take part: as rows (rows.py) of one problem for each island (solver.py), once
+   for positions and once for velocities. The equations are in docs/contact.md.
+5. shape_matching/pins.py: prescribed motion of pinned particles.
+6. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
 
 What contacts exert in a tick, each stage adds to the results of contact/exchange.py, which are
 integrated over time; contact_forces.py has the means for readers.

@@ -10,14 +10,25 @@ that holds the state; a tick writes the other one, which becomes the state when 
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 
 RIGID, LINEAR_MODE, QUADRATIC_MODE = 0, 1, 2
 """Values of `mode`, in the order of `config.MODES`."""
 QUADRATIC_FEATURES = 9
 
+IDENTITIES = 1 << 20
+
+
+def identity(name: str) -> int:
+    """Return a number for a name of a body or an obstacle, the same in any world."""
+    return zlib.crc32(name.encode()) % IDENTITIES
+
+
 BODY = np.dtype(
     [
+        ('id', np.int64),  # see `identity`
         # indices into the arrays of the world
         ('first', np.int64),  # its first particle
         ('count', np.int64),

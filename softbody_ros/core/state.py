@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softbody_ros.core.body import BODY
+from softbody_ros.core.body import BODY, identity
 from softbody_ros.core.config import BodyConfig
 from softbody_ros.core.contact.exchange import rearranged
+from softbody_ros.core.contact.rows import NO_MEMORY
 from softbody_ros.core.shape_matching.goals import fill_goals
 from softbody_ros.core.shape_matching.pins import Pins
 from softbody_ros.core.shape_matching.regions import REGION, Regions
@@ -202,6 +203,8 @@ class State:
     anchor : (3, N) float
     still_samples : (B,) int
         see `BodyState`
+    contact_memory : (r,) MEMORY
+        forces of contacts at the last tick, in order of their keys
     scales : (B,) float
         RMS radii of the rest shapes, m
     since : (B,) int
@@ -220,6 +223,7 @@ class State:
         first = first_match = 0
         for record, body in zip(self.bodies, bodies, strict=True):
             count, regions = body.rest.particle_count, body.regions
+            record['id'] = identity(body.config.name)
             record['first'], record['count'] = first, count
             record['first_match'] = first_match
             record['regions'] = regions.count if regions else 0
@@ -234,6 +238,7 @@ class State:
         self.match_posture = np.zeros((first_match, 3, 3))
         self.reaction = np.zeros((len(bodies), 2, 3))
         self.anchor = np.zeros((3, first))
+        self.contact_memory = NO_MEMORY
         self.still_samples = np.zeros(len(bodies), np.int64)
         self.scales = np.array([body.rest.scale for body in bodies])
         self.since = np.zeros(len(bodies), np.int64)

@@ -10,20 +10,27 @@ from functools import cached_property
 
 import numpy as np
 
+from softbody_ros.core.collision import narrow_phase
+from softbody_ros.core.collision.body_contacts import find_body_contacts, find_candidates
 from softbody_ros.core.collision.collision_surface import CollisionSurfaces
 from softbody_ros.core.collision.obstacle_contacts import CONTACT
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact import body_body, rigid_obstacle, soft_obstacle
+from softbody_ros.core.contact import body_body, rigid_contact, rigid_obstacle, soft_obstacle
 from softbody_ros.core.contact.contact_state import FixedPoints
 from softbody_ros.core.contact.exchange import accept_exchange, add_up
+from softbody_ros.core.contact.rows import MEMBER, MEMORY, NO_MEMORY, POINT_SET, ROW
+from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.shape_matching import flight, pins
+from softbody_ros.core.sleeping import NEAR, islands
 from softbody_ros.core.state import Body, State
 
 CONTACTS_PER_PARTICLE = 3
 """Capacity for contacts of a rigid body, per particle."""
+NOBODY = np.zeros(0, np.int64)
+NO_CONTACTS = np.zeros(0, narrow_phase.CONTACT)
 
 
 class SimulationError(ArithmeticError):
@@ -73,6 +80,15 @@ class Environment:
             for each, centre, linear, angular, is_edge, row in sets
         ]
 
+    @cached_property
+    def point_sets(self) -> np.ndarray:
+        """The fixed points for kernels, (s,) POINT_SET."""
+        sets = np.zeros(len(self.fixed_points), POINT_SET)
+        for record, each in zip(sets, self.fixed_points, strict=True):
+            record['obstacle'], record['centre'] = each.obstacle, each.centre
+            record['linear'], record['angular'] = each.velocity, each.angular_velocity
+        return sets
+
 
 class Integrator:
     """
@@ -90,6 +106,8 @@ class Integrator:
         self._state, self._bodies = state, bodies
         most = int(state.bodies['count'].max(initial=0))
         self._contacts = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT)
+        self._rows, self._memory = np.zeros(64, ROW), np.zeros(64, MEMORY)
+        self.work = np.zeros(3, np.int64)
         self._scratch = np.empty((7, len(self._contacts)))
         self.update()
 
@@ -98,6 +116,7 @@ class Integrator:
         mode = self._state.bodies['mode']
         pinned = np.flatnonzero(self._state.bodies['pins'])
         self._any_rigid, self._any_soft = bool((mode == 0).any()), bool((mode != 0).any())
+        self._by_laws = (mode != 0) | (self._state.bodies['pins'] > 0)
         self._pinned_soft = pinned[mode[pinned] != 0]
         self._pinned_rigid = pinned[mode[pinned] == 0]
         # whether collisions between bodies, or self-collisions, are possible
@@ -124,17 +143,97 @@ class Integrator:
         """
         state, gravity = self._state, environment.gravity
         self._predict_and_match(awake, gravity, h)
-        if self._any_pairs or environment.fixed_points:
-            body_body.resolve_body_contacts(
-                state, awake, environment.surfaces, environment.fixed_points,
-                lambda chosen: self.standing(chosen, environment), gravity, h,
-            )  # fmt: skip
-        if len(environment.records):
-            self.resolve_obstacle_contacts(awake, environment, h)
+        rigid, others = self._rigid_islands(awake)
+        memory = NO_MEMORY
+        if len(others):
+            if self._any_pairs or environment.fixed_points:
+                body_body.resolve_body_contacts(
+                    state, others, environment.surfaces, environment.fixed_points,
+                    lambda chosen: self.standing(chosen, environment), gravity, h,
+                )  # fmt: skip
+            if len(environment.records):
+                self.resolve_obstacle_contacts(others, environment, h)
+        if len(rigid):
+            memory = self.resolve_rigid_contacts(rigid, environment, h)
         self._hold_pins(awake, h)
         accept(
             state.bodies, awake, state.shapes, state.weights, state.x, h, state.reaction,
             state.normal_impulse, state.obstacle_impulse, state.obstacle_total,
+        )  # fmt: skip
+        state.contact_memory = memory
+
+    def _rigid_islands(self, awake: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Divide awake bodies: those that touch rigid ones without pins at most, and others."""
+        by_laws = self._by_laws[awake]
+        if by_laws.all():
+            return NOBODY, awake
+        if not by_laws.any():
+            return awake, NOBODY
+        bodies, count = self._state.bodies, len(awake)
+        low, high = np.empty((count, 3)), np.empty((count, 3))
+        margin = bodies['thickness'][awake] + NEAR * self._state.scales[awake]
+        bound_bodies(bodies, awake, self._state.x, 1, margin, low, high)
+        island = islands(count, *overlapping(low, high))
+        has_others = np.zeros(count, dtype=bool)
+        has_others[island[by_laws]] = True
+        others = has_others[island]
+        return awake[~others], awake[others]
+
+    def resolve_rigid_contacts(
+        self, chosen: np.ndarray, environment: Environment, h: float
+    ) -> np.ndarray:
+        """Resolve all contacts of rigid bodies (m,), and return the forces to remember."""
+        state, bodies = self._state, self._state.bodies
+        members = np.zeros(len(chosen), MEMBER)
+        memory, found = state.contact_memory, 0
+        while True:
+            found = rigid_contact.find_obstacle_rows(
+                bodies, chosen, state.shapes, state.weights, state.x, state.v, environment.records,
+                environment.trees, h, memory, members, self._contacts, self._rows,
+            )  # fmt: skip
+            if found <= len(self._rows):
+                break
+            self._rows = np.zeros(2 * found, ROW)
+        if len(chosen) > 1 or environment.fixed_points:
+            found = self._find_face_rows(chosen, environment, h, members, found)
+        if len(self._memory) < found:
+            self._memory = np.zeros(len(self._rows), MEMORY)
+        kept = rigid_contact.resolve(
+            bodies, state.x, state.v, environment.records, environment.trees, h, members,
+            self._rows[:found], self._memory, state.obstacle_impulse, state.normal_impulse,
+            self.work,
+        )  # fmt: skip
+        if kept == 0:
+            return NO_MEMORY
+        order = np.argsort(self._memory['key'][:kept], kind='stable')
+        return self._memory[order]
+
+    def _find_face_rows(
+        self,
+        chosen: np.ndarray,
+        environment: Environment,
+        h: float,
+        members: np.ndarray,
+        found: int,
+    ) -> int:
+        state, fixed = self._state, environment.fixed_points
+        thick = state.bodies.copy()
+        thick['thickness'][chosen] += members['margin']
+        candidates = find_candidates(state, thick, chosen, environment.surfaces, fixed)
+        contacts = NO_CONTACTS
+        if candidates is not None:
+            numbers = np.arange(len(chosen) + len(fixed))
+            first = np.append(thick['first'][chosen], state.x.shape[2])
+            contacts, _ = find_body_contacts(
+                state, thick, chosen, environment.surfaces, candidates[0], numbers, first
+            )
+        if found + len(contacts) > len(self._rows):
+            rows = np.zeros(2 * (found + len(contacts)), ROW)
+            rows[:found] = self._rows[:found]
+            self._rows = rows
+        return rigid_contact.find_face_rows(
+            state.bodies, contacts, environment.point_sets, state.shapes, state.weights, state.x,
+            state.v, h, state.contact_memory, members, self._rows, found,
         )  # fmt: skip
 
     def resolve_obstacle_contacts(

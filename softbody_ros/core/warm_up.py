@@ -158,6 +158,7 @@ def compile_other_half(parent: int) -> None:
         world._update_sleep()
         integrator.resolve_obstacle_contacts(nobody, environment, world.config.time_step)
         integrator.standing(nobody, environment)
+        integrator.resolve_rigid_contacts(nobody, environment, world.config.time_step)
         world.rigid_fit(world.names[0])
         world.poke(world.positions(world.names[0])[0], 0.1, 0.5)
 
@@ -188,6 +189,10 @@ def warm_up() -> None:
     world.restore(before)
     world.reset()
     world.step()
+
+    # rigid bodies that touch no soft ones
+    blocks = [_body(i, (0.0, 0.0, 0.29 + 0.58 * i), mesh='box', mode='rigid') for i in range(2)]
+    World(WorldConfig(bodies=tuple(blocks))).step(2)
 
     resting = World(
         WorldConfig(

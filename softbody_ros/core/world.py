@@ -29,6 +29,7 @@ from softbody_ros.core.config import (
     unknown_name,
 )
 from softbody_ros.core.contact import exchange
+from softbody_ros.core.contact.rows import NO_MEMORY
 from softbody_ros.core.contact_forces import ContactImpulse, ObstacleKey
 from softbody_ros.core.external_inputs import (
     EVERY_BODY,
@@ -74,6 +75,7 @@ class Snapshot:
     tick: int
     bodies: tuple[Body, ...]
     states: tuple[BodyState, ...]
+    contact_memory: np.ndarray
     obstacles: tuple[Obstacle, ...]
     inputs: ExternalInputs
     obstacle_totals: ObstacleTotals
@@ -320,6 +322,7 @@ class World:
                 for config, current in zip(self.config.obstacles, self._obstacles, strict=True)
             )
         )
+        self._state.contact_memory = NO_MEMORY
         self._state.forget_obstacle_contacts()
         for index in range(len(self._bodies)):
             self._reset_body(index)
@@ -414,8 +417,9 @@ class World:
         """Return a copy of the state."""
         states = tuple(self._state.save(index) for index in range(len(self._bodies)))
         bodies = tuple(dataclasses.replace(body) for body in self._bodies)
+        memory = self._state.contact_memory
         totals = self._state.save_obstacles()
-        return Snapshot(self.tick, bodies, states, self._obstacles, self._inputs, totals)
+        return Snapshot(self.tick, bodies, states, memory, self._obstacles, self._inputs, totals)
 
     def restore(self, snapshot: Snapshot) -> None:
         """
@@ -436,6 +440,7 @@ class World:
         self._state.restore_obstacles(snapshot.obstacle_totals)
         for index, saved in enumerate(snapshot.states):
             self._state.restore(index, saved)
+        self._state.contact_memory = snapshot.contact_memory
         self._awake = None
 
     # -------------------------------------------------------------------------------- structure
@@ -552,9 +557,10 @@ class World:
     def _replace_bodies(self, bodies: Sequence[Body]) -> None:
         """Replace the set of bodies; those that stay keep their state."""
         saved = {id(body): self._state.save(index) for index, body in enumerate(self._bodies)}
-        totals = self._state.save_obstacles()
+        memory, totals = self._state.contact_memory, self._state.save_obstacles()
         self._bodies = list(bodies)
         self._build()
+        self._state.contact_memory = memory
         self._state.restore_obstacles(totals)
         for index, body in enumerate(self._bodies):
             if id(body) in saved:

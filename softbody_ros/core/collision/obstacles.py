@@ -14,6 +14,7 @@ import operator
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from softbody_ros.core.body import identity
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.collision.shapes import (
     BOX,
@@ -59,6 +60,7 @@ ROUNDING = 1e-9
 
 OBSTACLE = np.dtype(
     [
+        ('id', np.int64),  # see `body.identity`
         ('kind', np.int64),  # Shape.kind
         ('size', np.float64, (3,)),  # m
         ('tree', np.int64),  # index of the tree of a mesh
@@ -264,6 +266,7 @@ def _put_shape(record: np.void, shape: Shape) -> None:
 
 
 def _put_velocity(record: np.void, obstacle: Obstacle) -> None:
+    record['id'] = identity(obstacle.config.name)
     record['moves'] = obstacle.moves
     record['linear'] = obstacle.config.velocity_linear
     record['angular'] = obstacle.config.velocity_angular

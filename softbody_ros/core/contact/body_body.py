@@ -15,15 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from softbody_ros.core.collision.broad_phase import (
-    CANDIDATE,
-    SLACK,
-    bound_pieces,
-    find_particles,
-    find_points,
-)
+from softbody_ros.core.collision.body_contacts import find_body_contacts, find_candidates
 from softbody_ros.core.collision.collision_surface import CollisionSurfaces
-from softbody_ros.core.collision.narrow_phase import CONTACT, EDGE_ALLOWANCE, PAIR, find_contacts
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.contact.body_constraints import ObstacleContacts, solve_body_constraints
 from softbody_ros.core.contact.contact_state import (
@@ -37,11 +30,7 @@ from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.manifold import carry_weight, prepare_contacts, relative_speed
 from softbody_ros.core.contact.particle_solver import solve_contacts
 from softbody_ros.core.contact.support import SETTLED, settling_speed
-from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping_codes
 from softbody_ros.core.geometry.vectors import ZERO, along, norm, scaled, vector_of
-
-CANDIDATES = 1024
-"""Initial capacity; it grows on demand."""
 
 
 def resolve_body_contacts(
@@ -109,58 +98,19 @@ def detect(
 
     Members of the contact state are these bodies, in order, followed by the sets of points.
     """
-    bodies, shapes, count = state.bodies, state.shapes, len(awake)
-    pieced = bodies['regions'][awake] > 1
-    if count < 2 and not fixed and not pieced.any():
+    candidates = find_candidates(state, state.bodies, awake, surfaces, fixed)
+    if candidates is None:
         return None
-    margin = bodies['thickness'][awake] + SLACK * shapes['scale'][bodies['shape'][awake]]
-    low, high = np.empty((count, 3)), np.empty((count, 3))
-    bound_bodies(bodies, awake, state.x, 1, margin, low, high)
-    codes = overlapping_codes(low, high)
-    if pieced.any():
-        self_pairs = np.flatnonzero(pieced) * (count + 1)
-        codes = np.sort(np.concatenate([codes, self_pairs]))
-    if not len(codes) and not fixed:
-        return None
-
-    arrays = surfaces.arrays
-    boxes = int(arrays.surfaces['pieces'][bodies['shape'][awake]].sum())
-    first = np.empty(count + 1, np.int64)
-    piece_low, piece_high = np.empty((boxes, 3)), np.empty((boxes, 3))
-    bound_pieces(
-        bodies, awake, arrays.surfaces, arrays.pieces, arrays.covered, state.x, margin, low, high,
-        first, piece_low, piece_high,
-    )  # fmt: skip
-    involved = np.zeros(count, dtype=bool)
-    candidates = surfaces.buffer(CANDIDATE, CANDIDATES)
-    while True:
-        found = find_particles(
-            bodies, awake, arrays.surfaces, arrays.pieces, arrays.particles, arrays.may_collide,
-            state.x, codes, low, high, first, piece_low, piece_high, candidates, involved,
-        )  # fmt: skip
-        for number, each in enumerate(fixed, count):
-            found = find_points(
-                each.points, each.radius, EDGE_ALLOWANCE if each.is_edge else 0.0, number, low,
-                high, first, piece_low, piece_high, found, candidates, involved,
-            )  # fmt: skip
-        if found <= len(candidates):
-            break
-        candidates = surfaces.buffer(CANDIDATE, found)
-    if not found:
-        return None
-    indices = np.flatnonzero(involved)
+    count, bodies, indices = len(awake), state.bodies, np.flatnonzero(candidates[1])
     touching = awake[indices]
     numbers = np.full(count + len(fixed), -1)
     numbers[indices] = np.arange(len(indices))
     numbers[count:] = len(indices) + np.arange(len(fixed))
     first = np.concatenate([[0], np.cumsum(bodies['count'][touching])])
-    contacts, pairs = surfaces.buffer(CONTACT, found), surfaces.buffer(PAIR, found)
-    found, found_pairs = find_contacts(
-        bodies, awake, shapes, state.q, arrays.surfaces, arrays.faces, arrays.piece_of_face,
-        arrays.normals, arrays.origins, arrays.trees, state.x, state.match_centre,
-        state.match_posture, candidates[:found], numbers, first, contacts, pairs,
-    )  # fmt: skip
-    return (touching, contacts[:found], pairs[:found_pairs]) if found else None
+    contacts, pairs = find_body_contacts(
+        state, bodies, awake, surfaces, candidates[0], numbers, first
+    )
+    return (touching, contacts, pairs) if len(contacts) else None
 
 
 @kernel

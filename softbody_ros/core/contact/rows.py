@@ -1,0 +1,479 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Contacts as rows of the contact problem, and the bodies that they act on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softbody_ros.core.collision.obstacles import velocity_at
+from softbody_ros.core.compiled import helper
+from softbody_ros.core.geometry.vectors import (
+    ZERO,
+    Vector,
+    along,
+    applied,
+    applied_transposed,
+    column_of,
+    cross,
+    dot,
+    matrix_of,
+    minus,
+    norm,
+    plus,
+    put_matrix,
+    put_vector,
+    scaled,
+    vector_of,
+)
+from softbody_ros.core.shape_matching.polar_decomposition import orthogonal_columns
+
+MODES = 6
+"""Modes of a body: three translations, three rotations."""
+CONTACT_FREQUENCY = 3e3
+"""ω, rad/s, of a rigid body on a contact: its compliance 1 / (M ω²) bounds the forces of obstacles
+that a body cannot obey."""
+LARGEST_SOFTNESS = 10.0
+"""Ratio of compliances between particles of a body, at most."""
+RECOVERY = 2.0
+"""Speed, in RMS radii per second, at which what is found inside something gets out."""
+TOUCHING = 1e-9
+"""Gap before the tick, in RMS radii, up to which a contact existed."""
+
+MEMBER = np.dtype(
+    [
+        ('body', np.int64),
+        ('island', np.int64),
+        ('local', np.int64),  # its number within the island
+        ('mass', np.float64),  # kg
+        ('scale', np.float64),  # RMS radius, m
+        ('margin', np.float64),  # distance from others within which they are contacts, m
+        # after the flight
+        ('centre', np.float64, (3,)),  # m
+        ('velocity', np.float64, (3,)),  # m/s
+        ('angular_momentum', np.float64, (3,)),  # per mass, m²/s
+        ('inverse_inertia', np.float64, (3, 3)),  # per mass, 1/m²
+        ('root', np.float64, (3, 3)),  # L, with I⁻¹ = L Lᵀ
+        # by the contact forces
+        ('shift', np.float64, (3,)),  # of the centre, m
+        ('rotation', np.float64, (3, 3)),
+        ('impulse', np.float64, (3,)),  # N s
+        ('angular_impulse', np.float64, (3,)),  # about the centre, N m s
+        ('before', np.float64, (2, 3)),  # both, of the constant forces
+        ('momenta', np.float64, (2, 3)),  # velocity and angular momentum before the contacts
+        ('touched', np.bool_),
+        # of the whole tick: N s, and N m s about the centre at its end
+        ('received', np.float64, (2, 3)),
+    ],
+    align=True,
+)
+"""A body that may be in contact."""
+
+ROW = np.dtype(
+    [
+        # the contact problem: components are along the normal and two tangents
+        ('one', np.int64),  # member that f acts on
+        ('two', np.int64),  # member that −f acts on, or −1
+        ('bias', np.float64, (3,)),  # b
+        ('compliance', np.float64, (2,)),  # c of the normal, and of the tangents
+        ('friction', np.float64),  # μ
+        ('base', np.float64, (3,)),  # f⁰
+        ('force', np.float64, (3,)),  # f
+        ('target', np.float64, (3,)),  # what f approaches
+        ('radius', np.float64),  # of the friction disc
+        ('disc_change', np.float64),  # its last change
+        ('diagonal', np.float64, (2,)),  # of c + J Jᵀ: normal, and the larger tangent
+        # the contact
+        ('key', np.int64),  # identifies it from tick to tick
+        ('obstacle', np.int64),  # second side, or −1
+        ('column', np.int64),  # particle of the world, or −1
+        ('point', np.float64, (3,)),  # of both sides, after the flight, m
+        ('normal', np.float64, (3,)),  # from the second side to the first
+        ('tangents', np.float64, (2, 3)),
+        ('thickness', np.float64),  # distance kept, m
+        ('gap', np.float64),  # after the flight, m
+        ('motion', np.float64, (3,)),  # displacement of the first side in the flight, m
+        ('other_motion', np.float64, (3,)),  # of the second side, m
+        ('other_velocity', np.float64, (3,)),  # of the second side if it is no member, m/s
+        ('slip', np.float64, (2,)),  # along the tangents from touching to the end, m
+        ('approach', np.float64),  # normal speed at touching; negative, m/s
+        ('closing', np.float64),  # normal speed of approach at the end of the flight, m/s
+        ('is_new', np.bool_),  # not made at the tick before
+        ('remembered', np.float64, (3,)),  # force of the tick before
+        (
+            'tolerated',
+            np.float64,
+        ),  # depth at the end: what is found deep inside gets out slowly, m
+        ('inverse_mass', np.float64),  # sum of both sides, 1/kg
+        ('softness', np.float64),  # of its compliance, relative to the mean: few on little area
+        ('elasticity', np.float64),
+        ('viscosity', np.float64),  # share of the sliding that viscous friction removes, or −1
+        ('of_face', np.bool_),  # whether the normal is that of a face of the first side
+        ('positional', np.float64, (3,)),  # force that is constant over the tick, N
+        ('free', np.float64, (2,)),  # slip, or its speed, that viscous friction reduces
+        ('end_point', np.float64, (3,)),  # after the tick, m
+        ('linear_gap', np.float64),  # at the end if no force acts, for the last linearisation, m
+    ],
+    align=True,
+)
+"""A contact."""
+
+MEMORY = np.dtype(
+    [
+        ('key', np.int64),
+        ('force', np.float64, (3,)),  # N
+        ('tolerated', np.float64),  # depth, m
+    ],
+    align=True,
+)
+"""A contact at the last tick."""
+NO_MEMORY = np.zeros(0, MEMORY)
+OF_BODIES, OF_POINTS = 1 << 61, 1 << 62
+"""Kinds of contacts in their keys; those with obstacles have none."""
+
+
+@helper
+def key_of(kind: int, partner: int, owner: int, particle: int) -> int:
+    """
+    Return the key of a contact, from tick to tick.
+
+    Parameters
+    ----------
+    kind : int
+    partner, owner : int
+        `id` of the obstacle or body, and of the body that has the particle
+    particle : int
+        of that body
+
+    """
+    return kind + (partner << 41) + (owner << 21) + particle
+
+
+@helper
+def put_member(member: np.void, body: np.void, number: int, scale: float, margin: float) -> None:
+    """Write the member of a body after its flight."""
+    member['body'], member['mass'] = number, body['mass']
+    member['scale'], member['margin'] = scale, margin
+    put_vector(member['centre'], vector_of(body['centre']))
+    put_vector(member['velocity'], vector_of(body['velocity']))
+    put_vector(member['angular_momentum'], vector_of(body['angular_momentum']))
+    inverse = matrix_of(body['inverse_inertia'])
+    put_matrix(member['inverse_inertia'], inverse)
+    columns, axes = orthogonal_columns(inverse)
+    for axis in range(3):
+        size = math.sqrt(norm(columns[axis]))
+        for row in range(3):
+            member['root'][row, axis] = size * axes[axis][row]
+
+
+@helper
+def tangents_of(normal: Vector) -> tuple[Vector, Vector]:
+    """Return two tangents, orthonormal with a normal."""
+    axis = (1.0, 0.0, 0.0) if abs(normal[0]) < 0.6 else (0.0, 1.0, 0.0)
+    one = cross(normal, axis)
+    one = scaled(1.0 / norm(one), one)
+    return one, cross(normal, one)
+
+
+@helper
+def complete_row(
+    row: np.void, members: np.ndarray, memory: np.ndarray, velocity: Vector, h: float
+) -> None:
+    """
+    Write what follows from the geometry of a contact.
+
+    Parameters
+    ----------
+    row : ROW
+        with sides, point, normal, gap and motions
+    members : (m,) MEMBER
+    memory : (r,) MEMORY
+        of the tick before, in order of its keys
+    velocity : vector
+        of the first side relative to the second, before the tick, m/s
+    h : float
+        s
+
+    """
+    recall(row, memory)
+    one, normal = members[row['one']], vector_of(row['normal'])
+    first, second = tangents_of(normal)
+    put_vector(row['tangents'][0], first)
+    put_vector(row['tangents'][1], second)
+    inverse_mass = 1.0 / one['mass']
+    if row['two'] >= 0:
+        inverse_mass += 1.0 / members[row['two']]['mass']
+    row['inverse_mass'] = inverse_mass
+    motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
+    before = row['gap'] - dot(normal, motion)
+    recovered = RECOVERY * one['scale'] * h
+    row['tolerated'] = max(min(row['tolerated'], -before) - recovered, 0.0)
+    row['gap'] += row['tolerated']
+    touching, approach = touch(
+        row['gap'] - dot(normal, motion), row['gap'], dot(normal, velocity), h,
+        TOUCHING * one['scale'], row['is_new'],
+    )  # fmt: skip
+    row['approach'] = approach
+    speed = 2.0 * dot(normal, motion) / h - dot(normal, velocity)
+    row['closing'] = -speed
+    slip = along(motion, -touching, velocity)
+    row['slip'][0], row['slip'][1] = dot(first, slip), dot(second, slip)
+
+
+@helper
+def touch(
+    before: float, after: float, speed: float, h: float, touching: float, is_new: bool
+) -> tuple[float, float]:
+    """
+    Return when a contact is made within a tick, s, and the normal speed then, at most 0.
+
+    The gap is a parabola with the given values before and after the tick, m, and the given speed
+    before, m/s: so the speed at an impact, and the height of a bounce, do not depend on the step.
+    """
+    if before > touching:
+        acceleration = 2.0 * (after - before - speed * h) / (h * h)
+        if after >= 0.0:
+            return h, min(speed + acceleration * h, 0.0)
+        root = math.sqrt(max(speed * speed - 2.0 * acceleration * before, 0.0))
+        return min(2.0 * before / max(root - speed, 2.0 * before / h), h), -root
+    if not is_new:
+        return 0.0, 0.0
+    return 0.0, -abs(speed) if after < 0.0 else 0.0
+
+
+@helper
+def motion_with(obstacle: np.void, point: Vector) -> Vector:
+    """Return the displacement in the tick of the point of an obstacle that is at `point`, m."""
+    if not obstacle['moved']:
+        return ZERO
+    offset = minus(point, vector_of(obstacle['position']))
+    local = applied_transposed(matrix_of(obstacle['rotation']), offset)
+    before = applied(matrix_of(obstacle['rotation_before']), local)
+    return minus(point, plus(vector_of(obstacle['position_before']), before))
+
+
+@helper
+def put_obstacle_row(
+    row: np.void,
+    contact: np.void,
+    number: int,
+    body: np.void,
+    reach: float,
+    weight: float,
+    obstacle: np.void,
+    which: int,
+    x: np.ndarray,
+    v: np.ndarray,
+) -> Vector:
+    """
+    Write the row of a contact of a particle with an obstacle.
+
+    Returns
+    -------
+    vector
+        velocity of the particle relative to the obstacle, before the tick, m/s
+
+    """
+    column, point = body['first'] + contact['particle'], vector_of(contact['point'])
+    row['one'], row['two'], row['obstacle'] = number, -1, which
+    row['column'] = column
+    row['key'] = key_of(0, obstacle['id'], body['id'], contact['particle'])
+    put_vector(row['point'], point)
+    put_vector(row['normal'], vector_of(contact['normal']))
+    row['thickness'] = body['thickness']
+    row['gap'] = reach - contact['depth'] - body['thickness']
+    put_vector(row['motion'], minus(point, column_of(x[body['now']], column)))
+    put_vector(row['other_motion'], motion_with(obstacle, point))
+    surface = velocity_at(obstacle, point)
+    put_vector(row['other_velocity'], surface)
+    put_friction(row, body['coulomb'], body['friction'])
+    row['elasticity'], row['of_face'] = body['elasticity'], False
+    row['softness'] = softness_of(weight, body['count'])
+    return minus(column_of(v[body['now']], column), surface)
+
+
+@helper
+def softness_of(weight: float, count: int) -> float:
+    """Return the compliance at a particle relative to the mean, from its mass share: its area."""
+    return min(max(1.0 / (count * max(weight, 1e-12)), 1.0 / LARGEST_SOFTNESS), LARGEST_SOFTNESS)
+
+
+@helper
+def put_friction(row: np.void, coulomb: bool, friction: float) -> None:
+    """Write the law of friction: the coefficient, or the share that viscous friction removes."""
+    row['friction'] = friction if coulomb else math.inf
+    row['viscosity'] = -1.0 if coulomb else friction
+
+
+@helper
+def put_jacobian(
+    row: np.void,
+    jacobian: np.ndarray,
+    members: np.ndarray,
+    point: Vector,
+    at_end: bool,
+) -> None:
+    """
+    Write J of one contact: responses of the modes to unit forces along normal and tangents.
+
+    In units in which the kinetic energy is half the squared amplitudes: e / √M of a translation,
+    and Lᵀ (r × e) / √M of a rotation.
+
+    Parameters
+    ----------
+    row : ROW
+    jacobian : (2, 3, 6) float
+        written
+    members : (m,) MEMBER
+    point : vector
+        m
+    at_end : bool
+        whether at the pose after the tick, instead of after the flight
+
+    """
+    for side in range(2):
+        index = row['one'] if side == 0 else row['two']
+        if index < 0:
+            continue
+        member = members[index]
+        size = (1.0 if side == 0 else -1.0) / math.sqrt(member['mass'])
+        centre, root = vector_of(member['centre']), matrix_of(member['root'])
+        rotation = matrix_of(member['rotation'])
+        if at_end:
+            centre = plus(centre, vector_of(member['shift']))
+        arm = minus(point, centre)
+        for axis in range(3):
+            direction = vector_of(row['normal'])
+            if axis > 0:
+                direction = vector_of(row['tangents'][axis - 1])
+            moment = cross(arm, direction)
+            if at_end:
+                moment = applied_transposed(rotation, moment)
+            moment = applied_transposed(root, moment)
+            for k in range(3):
+                jacobian[side, axis, k] = size * direction[k]
+                jacobian[side, axis, 3 + k] = size * moment[k]
+
+
+@helper
+def force_of(row: np.void) -> Vector:
+    """Return the force of a contact on its first side in world coordinates."""
+    force = scaled(row['force'][0], vector_of(row['normal']))
+    force = along(force, row['force'][1], vector_of(row['tangents'][0]))
+    return along(force, row['force'][2], vector_of(row['tangents'][1]))
+
+
+@helper
+def recall(row: np.void, memory: np.ndarray) -> None:
+    """Write the force of a contact at the last tick; zero if it was not made."""
+    low, high = 0, len(memory)
+    while low < high:
+        middle = (low + high) // 2
+        if memory[middle]['key'] < row['key']:
+            low = middle + 1
+        else:
+            high = middle
+    row['is_new'] = not (low < len(memory) and memory[low]['key'] == row['key'])
+    put_vector(row['remembered'], ZERO)
+    row['tolerated'] = math.inf
+    if not row['is_new']:
+        put_vector(row['remembered'], vector_of(memory[low]['force']))
+        row['tolerated'] = memory[low]['tolerated']
+
+
+POINT_SET = np.dtype(
+    [
+        ('obstacle', np.int64),  # that the points belong to, or −1
+        ('centre', np.float64, (3,)),  # m
+        ('linear', np.float64, (3,)),  # velocity of the centre, m/s
+        ('angular', np.float64, (3,)),  # rad/s
+    ],
+    align=True,
+)
+"""Points that no force moves: of a cloud, or on the edges of an obstacle."""
+
+
+@helper
+def geometric_mean(one: float, two: float) -> float:
+    """Return √(a b)."""
+    return math.sqrt(one * two)
+
+
+@helper
+def put_face_row(
+    row: np.void,
+    contact: np.void,
+    bodies: np.ndarray,
+    members: np.ndarray,
+    sets: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    h: float,
+) -> Vector:
+    """
+    Write the row of a contact of a particle, or a point, with a face of a body.
+
+    Returns
+    -------
+    vector
+        velocity of the first side relative to the second, before the tick, m/s
+
+    """
+    owner, other = contact['body'], contact['other']
+    body = bodies[members[other]['body']]
+    start, velocities = x[body['now']], v[body['now']]
+    point, normal = vector_of(contact['point']), vector_of(contact['normal'])
+    face_motion, face_velocity = point, ZERO
+    for corner in range(1, 4):
+        column, share = contact['particles'][corner], -contact['coefficients'][corner]
+        face_velocity = along(face_velocity, share, column_of(velocities, column))
+        corner_motion = minus(column_of(x[1 - body['now']], column), column_of(start, column))
+        face_motion = along(face_motion, share, corner_motion)
+    face_motion = minus(face_motion, point)
+    put_vector(row['point'], point)
+    row['obstacle'] = -1
+    row['column'] = contact['particles'][0]
+    put_vector(row['other_velocity'], ZERO)
+    if owner < len(members):
+        one = bodies[members[owner]['body']]
+        column = contact['particles'][0]
+        row['one'], row['two'], row['of_face'] = owner, other, False
+        weight = weights[shapes[one['shape']]['first'] + column - one['first']]
+        row['softness'] = softness_of(weight, one['count'])
+        row['key'] = key_of(OF_BODIES, body['id'], one['id'], column - one['first'])
+        put_vector(row['normal'], normal)
+        row['gap'] = members[owner]['margin'] + members[other]['margin'] - contact['depth']
+        put_vector(
+            row['motion'],
+            minus(column_of(x[1 - one['now']], column), column_of(x[one['now']], column)),
+        )
+        put_vector(row['other_motion'], face_motion)
+        coulomb = one['coulomb'] or body['coulomb']
+        friction = geometric_mean(one['friction'], body['friction'])
+        if one['coulomb'] != body['coulomb']:
+            friction = one['friction'] if one['coulomb'] else body['friction']
+        put_friction(row, coulomb, friction)
+        row['elasticity'] = geometric_mean(one['elasticity'], body['elasticity'])
+        return minus(column_of(v[one['now']], column), face_velocity)
+    point_set = sets[owner - len(members)]
+    row['one'], row['two'], row['of_face'] = other, -1, True
+    row['softness'] = 1.0
+    row['column'], row['obstacle'] = -1, point_set['obstacle']
+    points = x.shape[2]
+    row['key'] = key_of(
+        OF_POINTS, owner - len(members), body['id'], contact['particles'][0] - points
+    )
+    put_vector(row['normal'], scaled(-1.0, normal))
+    row['gap'] = members[other]['margin'] - contact['depth']
+    arm = minus(point, vector_of(point_set['centre']))
+    velocity = plus(vector_of(point_set['linear']), cross(vector_of(point_set['angular']), arm))
+    put_vector(row['motion'], face_motion)
+    put_vector(row['other_motion'], scaled(h, velocity))
+    put_vector(row['other_velocity'], velocity)
+    put_friction(row, body['coulomb'], body['friction'])
+    row['elasticity'] = body['elasticity']
+    return minus(face_velocity, velocity)

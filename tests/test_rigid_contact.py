@@ -1,0 +1,333 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Contact of rigid bodies: stacks, slopes, grips, squeezes and impacts with known outcomes."""
+
+import math
+
+from core_helpers import body as body_config
+from core_helpers import centre, floating, momentum
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
+from softbody_ros.core.compiled import kernel
+from softbody_ros.core.contact.rows import MODES, ROW
+from softbody_ros.core.contact.solver import solve
+
+G = 9.81
+STEPS = (1 / 60, 1 / 240, 1 / 1000)
+
+
+def block(name='block', **values):
+    facts = {
+        'mesh': 'box', 'mode': 'rigid', 'size': 0.2, 'subdivisions': 1, 'friction': 0.5,
+        'friction_model': 'coulomb', 'elasticity': 0.0,
+    } | values  # fmt: skip
+    return BodyConfig(name=name, **facts)
+
+
+def on_ground(*bodies, h=1 / 240, obstacles=(), **values):
+    ground = ObstacleConfig(name='ground', **values)
+    return World(WorldConfig(time_step=h, bodies=bodies, obstacles=(ground, *obstacles)))
+
+
+def tilt(world, name):
+    """Angle between the z axis of a body and the vertical, degrees."""
+    return math.degrees(math.acos(min(world.rigid_fit(name).rotation[2, 2], 1.0)))
+
+
+# --------------------------------------------------------------------------------------- stacks
+@pytest.mark.parametrize('offset', [0.0, 0.05])
+@pytest.mark.parametrize('ratio', [1.0, 100.0])
+@pytest.mark.parametrize('h', STEPS)
+def test_a_heavy_box_stands_on_a_light_one(ratio, offset, h):
+    lower = block('lower', position=(0.0, 0.0, 0.2))
+    upper = block('upper', position=(offset, 0.0, 0.6), mass=ratio)
+    world = on_ground(lower, upper, h=h)
+    world.step(round(1.0 / h))
+    force = world.contact_wrench('upper')[0]
+    assert force == pytest.approx((0.0, 0.0, ratio * G), abs=1e-3 * ratio * G)
+    carried = world.obstacle_wrench('ground')[0]
+    assert carried == pytest.approx((0.0, 0.0, -(1.0 + ratio) * G), abs=1e-3 * (1 + ratio) * G)
+    for name, height in (('lower', 0.2), ('upper', 0.6)):
+        assert tilt(world, name) < 0.01
+        assert centre(world, name)[2] == pytest.approx(height, abs=1e-4)
+    world.step(round(1.0 / h))
+    assert world.is_asleep('lower')
+    assert world.is_asleep('upper')
+
+
+def test_a_tower_of_ten_cubes_stands():
+    world = on_ground(*(block(f'cube{i}', position=(0.0, 0.0, 0.2 + 0.4 * i)) for i in range(10)))
+    world.step(480)
+    for i in range(10):
+        assert centre(world, f'cube{i}') == pytest.approx((0.0, 0.0, 0.2 + 0.4 * i), abs=1e-3)
+    assert all(world.is_asleep(name) for name in world.names)
+
+
+# ------------------------------------------------------------------------------------- friction
+def on_slope(degrees, friction, h, mesh='box'):
+    """Return a world with a box, or ball, on a slope about y, and the direction downhill."""
+    turn = Rotation.from_euler('y', degrees, degrees=True)
+    size = {'size': 0.2, 'position': tuple(turn.apply((0.0, 0.0, 0.2)))}
+    facts = {'orientation': tuple(turn.as_quat())}
+    world = on_ground(block(mesh=mesh, friction=friction, **size, **facts), h=h, **facts)
+    return world, turn.apply((1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('h', STEPS)
+@pytest.mark.parametrize('friction', [0.2, 0.5, 0.8])
+def test_a_box_sticks_or_slides_on_a_slope_as_coulomb_says(friction, h):
+    limit = math.degrees(math.atan(friction))
+    world, downhill = on_slope(limit - 0.5, friction, h)
+    world.step(round(0.5 / h))
+    before = centre(world, 'block')
+    world.step(round(1.0 / h))
+    assert np.linalg.norm(centre(world, 'block') - before) < 1e-9  # no creep
+    world, downhill = on_slope(limit + 2.0, friction, h)
+    world.step(round(0.5 / h))
+    before = momentum(world, 'block') @ downhill
+    world.step(round(0.5 / h))
+    angle = math.radians(limit + 2.0)
+    expected = G * (math.sin(angle) - friction * math.cos(angle))
+    ticks = round(0.5 / h) * h
+    assert (momentum(world, 'block') @ downhill - before) / ticks == pytest.approx(
+        expected, rel=1e-4
+    )
+
+
+def test_a_disc_is_stopped_by_friction_as_under_even_pressure():
+    speed, friction, radius = 10.0, 0.3, 0.2
+    disc = block(mesh='cylinder', size=radius, subdivisions=2, friction=friction)
+    world = on_ground(disc)
+    surface = world.rest_shape('block').surface
+    flat = surface.vertices * (1.0, 1.0, 0.1)
+    disc = block(
+        mesh=type(surface)(flat, surface.faces), friction=friction,
+        position=(0.0, 0.0, 0.1 * radius), initial_velocity_angular=(0.0, 0.0, speed),
+    )  # fmt: skip
+    world = on_ground(disc)
+    rest = world.rest_shape('block')
+    inertia = rest.weights @ (flat[:, :2] ** 2).sum(axis=1)
+    expected = inertia * speed / (friction * G * 2.0 / 3.0 * radius)
+    ticks = 0
+    while world.rigid_fit('block').angular_velocity[2] > 0.02 * speed:
+        world.step()
+        ticks += 1
+        assert ticks < 2000
+    assert ticks / 240 == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize('h', STEPS)
+def test_a_belt_takes_a_box_along_with_mu_g(h):
+    belt = {'type': 'box', 'size': (5.0, 5.0, 0.1), 'position': (0.0, 0.0, -0.1)}
+    world = on_ground(block(position=(0.0, 0.0, 0.2)), h=h, **belt)
+    world.step(round(0.1 / h))
+    world.move_obstacle('ground', belt['position'], linear=(1.0, 0.0, 0.0))
+    ticks = round(0.1 / h)
+    world.step(ticks)
+    assert momentum(world, 'block')[0] == pytest.approx(0.5 * G * ticks * h, rel=0.01)
+    world.step(round(0.4 / h))
+    assert momentum(world, 'block')[0] == pytest.approx(1.0, rel=1e-3)
+
+
+# ------------------------------------------------------------------------------ fingers, plates
+def fingers(gap):
+    return [
+        ObstacleConfig(name=name, type='box', size=(0.02, 0.1, 0.1),
+                       position=(sign * (gap + 0.02), 0.0, 1.0))
+        for name, sign in (('left', -1.0), ('right', 1.0))
+    ]  # fmt: skip
+
+
+def move(world, speed, lift=0.0):
+    for name, sign in (('left', 1.0), ('right', -1.0)):
+        now = next(each for each in world.obstacles if each.config.name == name)
+        world.move_obstacle(name, now.position, linear=(sign * speed, 0.0, lift))
+
+
+@pytest.mark.parametrize('h', STEPS)
+@pytest.mark.parametrize('depth', [0.001, 0.01])
+def test_fingers_squeeze_a_rigid_ball_symmetrically_lift_and_release_it(depth, h):
+    ball = block(mesh='icosphere', size=0.05, subdivisions=3, mass=0.2, friction=0.8,
+                 position=(0.0, 0.0, 1.0))  # fmt: skip
+    obstacles = (ObstacleConfig(name='table', type='box', size=(0.2, 0.2, 0.1),
+                                position=(0.0, 0.0, 0.85)), *fingers(0.051))  # fmt: skip
+    world = World(WorldConfig(time_step=h, bodies=(ball,), obstacles=obstacles))
+    ticks = round(0.2 / h)
+    move(world, (0.001 + depth) / (ticks * h))
+    world.step(ticks)
+    move(world, 0.0)
+    world.step(round(0.2 / h))
+    # what has no room is neither thrown nor are forces without bound
+    assert np.linalg.norm(centre(world, 'block') - (0.0, 0.0, 1.0)) < 1e-4
+    forces = [world.obstacle_wrench(name)[0][0] for name in ('left', 'right')]
+    assert forces[0] == pytest.approx(-forces[1], rel=1e-4)
+    assert 100.0 < forces[1] < 1e7
+    move(world, 0.0, lift=0.1)
+    world.step(round(0.5 / h))
+    move(world, 0.0)
+    lifted = centre(world, 'block')
+    world.step(round(0.5 / h))
+    assert lifted == pytest.approx((0.0, 0.0, 1.0 + 0.1 * round(0.5 / h) * h), abs=1e-4)
+    assert np.linalg.norm(centre(world, 'block') - lifted) < 1e-8  # no slip
+    move(world, -0.1)
+    world.step(round(0.2 / h))
+    assert np.abs(momentum(world, 'block')[:2]).max() < 1e-3
+    assert centre(world, 'block')[2] < lifted[2] - 0.04
+
+
+@pytest.mark.parametrize('margin', [0.95, 1.05])
+def test_a_grip_holds_exactly_when_friction_carries_the_weight(margin):
+    # a heavy slider on a horizontal rail of gravity presses on the ball: a known normal force
+    friction, mass = 0.5, 1.0
+    wall = ObstacleConfig(name='wall', type='box', size=(0.1, 1.0, 1.0), position=(-0.3, 0.0, 0.0))
+    push = margin * mass * G / friction
+    world = World(
+        WorldConfig(bodies=(block(friction=friction, mass=mass, position=(0.0, 0.0, 0.0)),),
+                    obstacles=(wall,))
+    )  # fmt: skip
+    world.apply_wrench('block', (-push, 0.0, 0.0), (0.0, 0.0, 0.0), 10.0)
+    world.step(120)
+    fallen = -centre(world, 'block')[2]
+    if margin > 1.0:
+        assert fallen < 1e-6
+    else:
+        assert fallen == pytest.approx(0.5 * G * (1.0 - margin) * 0.25, rel=0.02)
+
+
+def test_a_box_between_planes_that_close_stays_where_it_is():
+    planes = [
+        ObstacleConfig(name=name, orientation=tuple(Rotation.from_euler('y', angle).as_quat()),
+                       position=(-sign * 0.21, 0.0, 0.0), velocity_linear=(sign * 0.05, 0.0, 0.0))
+        for name, sign, angle in (('left', 1.0, np.pi / 2), ('right', -1.0, -np.pi / 2))
+    ]  # fmt: skip
+    world = World(WorldConfig(gravity_magnitude=0.0, bodies=(block(position=(0.0, 0.0, 0.0)),),
+                              obstacles=tuple(planes)))  # fmt: skip
+    forces = []
+    for _ in range(100):
+        world.step()
+        forces.append(np.linalg.norm(world.obstacle_wrench('left')[0]))
+        assert np.abs(centre(world, 'block')).max() < 1e-9
+    forces = np.array(forces[60:])
+    assert (np.diff(forces) > 0.0).all()  # growing …
+    assert np.abs(np.diff(forces, 2)).max() < 0.01 * forces.max()  # … smoothly
+
+
+# -------------------------------------------------------------------------------------- impacts
+@pytest.mark.parametrize('mesh', ['icosphere', 'box'])
+@pytest.mark.parametrize('elasticity', [0.0, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240, 1 / 960])
+def test_a_bounce_returns_the_square_of_the_elasticity_at_any_step(mesh, elasticity, h):
+    ball = block(mesh=mesh, elasticity=elasticity, friction=0.0, position=(0.0, 0.0, 1.2))
+    world = on_ground(ball, h=h)
+    world.step(round(math.sqrt(2.0 / G) / h) + 2)
+    highest = centre(world, 'block')[2]
+    for _ in range(round(math.sqrt(2.0 / G) * elasticity / h) + 2):
+        world.step()
+        highest = max(highest, centre(world, 'block')[2])
+        assert world.positions('block')[:, 2].min() > -1e-4 * 0.2
+    assert highest - 0.2 == pytest.approx(elasticity**2, abs=0.005)
+
+
+@pytest.mark.parametrize('elasticity', [0.0, 0.5, 1.0])
+@pytest.mark.parametrize('friction', [0.0, 0.5])
+def test_an_oblique_collision_keeps_momenta_and_never_gains_energy(elasticity, friction):
+    bodies = [
+        body_config(
+            'box', name=name, mode='rigid', size=0.2, subdivisions=1, elasticity=elasticity,
+            friction=friction, friction_model='coulomb', position=(sign * 0.5, sign * 0.12, 0.0),
+            orientation=tuple(Rotation.from_rotvec((0.3 * sign, 0.5, 0.2)).as_quat()),
+            initial_velocity_linear=(-3.0 * sign, 0.0, 0.0), mass=mass,
+        )
+        for name, sign, mass in (('one', 1.0, 1.0), ('two', -1.0, 3.0))
+    ]  # fmt: skip
+    world = floating(*bodies, h=1 / 240)
+
+    def totals():
+        linear, angular, energy = np.zeros(3), np.zeros(3), 0.0
+        for config in world.config.bodies:
+            mass = config.mass * world.rest_shape(config.name).weights[:, None]
+            x, v = world.positions(config.name), world.velocities(config.name)
+            linear += (mass * v).sum(axis=0)
+            angular += (mass * np.cross(x, v)).sum(axis=0)
+            energy += (mass * v**2).sum() / 2.0
+        return linear, angular, energy
+
+    before = totals()
+    collided = False
+    for _ in range(120):
+        world.step()
+        after = totals()
+        collided |= np.linalg.norm(world.contact_wrench('one')[0]) > 0.0
+        assert after[0] == pytest.approx(before[0], abs=1e-12)
+        assert after[1] == pytest.approx(before[1], abs=1e-12)
+        assert after[2] <= before[2] * (1.0 + 1e-9)
+    assert collided
+
+
+# -------------------------------------------------------------------------- the contact problem
+@kernel
+def solve_all(rows, jacobian, members, tolerance, result):
+    modes = np.empty((3, members, MODES))
+    hessian = np.zeros((members, members, MODES, MODES))
+    filled = np.zeros((members, members), np.bool_)
+    result[0], sweeps, steps = solve(
+        rows, jacobian, members, tolerance, 1.0, modes, hessian, filled
+    )
+    result[1], result[2] = sweeps, steps
+
+
+@pytest.mark.parametrize('seed', range(8))
+@pytest.mark.parametrize(
+    ('members', 'friction'), [(1, 0.0), (1, 0.2), (2, 0.2), (5, 0.0), (5, 0.1)]
+)
+def test_a_solution_meets_the_laws_of_contact(members, friction, seed):
+    random = np.random.default_rng(seed)
+    count = 8 * members
+    rows = np.zeros(count, ROW)
+    rows['one'] = random.integers(0, members, count)
+    rows['two'] = random.integers(-1, members, count)
+    rows['two'][rows['two'] == rows['one']] = -1
+    # contacts around bodies of different masses, with inertia 0.1 per mass
+    mass = random.choice([0.5, 1.0, 5.0], members)
+    frames = Rotation.random(count, random_state=seed).as_matrix()
+    arms = 0.5 * random.normal(size=(count, 2, 1, 3))
+    turning = np.cross(arms, frames[:, None]) / math.sqrt(0.1)
+    jacobian = np.concatenate([np.broadcast_to(frames[:, None], turning.shape), turning], axis=3)
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        index = rows['one' if side == 0 else 'two']
+        jacobian[:, side] *= sign / np.sqrt(mass[index])[:, None, None]
+    jacobian[rows['two'] < 0, 1] = 0.0
+    rows['bias'] = random.normal(size=(count, 3)) - (0.5, 0.0, 0.0)
+    rows['compliance'] = 0.01
+    rows['friction'] = friction
+    rows['viscosity'] = -1.0
+    rows['base'][:, 0] = random.choice([0.0, 0.2], count)
+    rows['radius'] = 0.0
+    result = np.zeros(3)
+    solve_all(rows, jacobian, members, 1e-10, result)
+    assert result[0] <= 1e-10
+    # the same operator, written independently
+    matrix = np.zeros((count, 3, members, MODES))
+    for k in range(count):
+        matrix[k, :, rows['one'][k]] = jacobian[k, 0]
+        if rows['two'][k] >= 0:
+            matrix[k, :, rows['two'][k]] += jacobian[k, 1]
+    matrix = matrix.reshape(3 * count, -1)
+    force = rows['force'].ravel()
+    s = (rows['bias'].ravel() + 0.01 * force + matrix @ (matrix.T @ force)).reshape(-1, 3)
+    total = rows['base'] + rows['force']
+    assert total[:, 0].min() >= 0.0
+    assert s[:, 0].min() > -1e-8
+    assert np.abs(total[:, 0] * s[:, 0]).max() < 1e-7
+    size = np.linalg.norm(total[:, 1:], axis=1)
+    limit = rows['friction'] * total[:, 0]
+    assert (size <= limit + 1e-9).all()
+    slip = np.linalg.norm(s[:, 1:], axis=1)
+    sticking = size < limit - 1e-6
+    assert slip[sticking] == pytest.approx(0.0, abs=1e-8)
+    sliding = slip > 1e-6
+    against = (total[:, 1:] * s[:, 1:]).sum(axis=1)
+    assert against[sliding] == pytest.approx(-(limit * slip)[sliding], abs=1e-7)
