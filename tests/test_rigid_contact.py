@@ -271,11 +271,7 @@ def test_an_oblique_collision_keeps_momenta_and_never_gains_energy(elasticity, f
 @kernel
 def solve_all(rows, jacobian, members, tolerance, result):
     modes = np.empty((3, members, MODES))
-    hessian = np.zeros((members, members, MODES, MODES))
-    filled = np.zeros((members, members), np.bool_)
-    result[0], sweeps, steps = solve(
-        rows, jacobian, members, tolerance, 1.0, modes, hessian, filled
-    )
+    result[0], sweeps, steps = solve(rows, jacobian, members, tolerance, 1.0, modes)
     result[1], result[2] = sweeps, steps
 
 

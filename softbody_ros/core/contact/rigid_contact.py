@@ -34,7 +34,7 @@ from softbody_ros.core.contact.rows import (
     put_member,
     put_obstacle_row,
 )
-from softbody_ros.core.contact.solver import LARGEST_ISLAND, response, solve
+from softbody_ros.core.contact.solver import response, solve
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
@@ -42,7 +42,6 @@ from softbody_ros.core.geometry.vectors import (
     Vector,
     along,
     applied,
-    column_of,
     cross,
     dot,
     matrix_of,
@@ -50,13 +49,13 @@ from softbody_ros.core.geometry.vectors import (
     norm,
     plus,
     product,
-    put_column,
     put_matrix,
     put_vector,
     scaled,
     transposed,
     vector_of,
 )
+from softbody_ros.core.lanes import LANES, put_vectors, vectors_at
 from softbody_ros.core.shape_matching.polar_decomposition import rotation_by_vector
 
 VELOCITY_COMPLIANCE = 1e-4
@@ -241,64 +240,88 @@ def resolve(
         number of forces to remember
 
     """
-    count, island = len(members), np.empty(len(members), np.int64)
-    for number in range(count):
-        island[number] = number
-        members[number]['touched'] = False
-        put_vector(members[number]['received'][0], ZERO)
-        put_vector(members[number]['received'][1], ZERO)
-    for row in rows:
-        one, two = row['one'], row['two']
-        members[one]['touched'] = True
-        if two >= 0:
-            members[two]['touched'] = True
-            unite(island, one, two)
-    own = np.empty(len(rows), rows.dtype)
-    inside = np.empty(count, members.dtype)
+    count = len(members)
+    island, own = np.empty(count, np.int64), np.empty(len(rows), rows.dtype)
+    first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
+    inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)
+    sort_into_islands(members, rows, island, first_body, first_row, inside, local, own)
     jacobian = np.zeros((len(rows), 2, 3, MODES))
-    local = np.empty(count, np.int64)
     kept = 0
     for root in range(count):
-        if island[root] != root or not members[root]['touched']:
+        first, last = first_row[root], first_row[root + 1]
+        if first == last:
             continue
-        bodies_inside = 0
-        for number in range(count):
-            if representative(island, number) == root:
-                local[number] = bodies_inside
-                inside[bodies_inside] = members[number]
-                bodies_inside += 1
-        contacts_inside = 0
-        for k in range(len(rows)):
-            if representative(island, rows[k]['one']) == root:
-                own[contacts_inside] = rows[k]
-                row = own[contacts_inside]
-                row['one'] = local[row['one']]
-                if row['two'] >= 0:
-                    row['two'] = local[row['two']]
-                contacts_inside += 1
-        resolve_island(
-            inside[:bodies_inside],
-            own[:contacts_inside],
-            jacobian[:contacts_inside],
-            obstacles,
-            trees,
-            h,
-            work,
-        )
-        for k in range(contacts_inside):
-            if own[k]['positional'][0] > 0.0:
-                remembered[kept]['key'] = own[k]['key']
-                put_vector(remembered[kept]['force'], positional_force(own[k]))
-                remembered[kept]['tolerated'] = own[k]['tolerated']
+        together = inside[first_body[root] : first_body[root + 1]]
+        resolve_island(together, own[first:last], jacobian[first:last], obstacles, trees, h, work)
+        for k in range(first, last):
+            row = own[k]
+            if row['positional'][0] > 0.0:
+                remembered[kept]['key'] = row['key']
+                put_vector(remembered[kept]['force'], positional_force(row))
+                remembered[kept]['tolerated'] = row['tolerated']
                 kept += 1
-            receive(inside[:bodies_inside], own[k], h)
-            exchange(
-                own[k], bodies[inside[own[k]['one']]['body']], inside[own[k]['one']]['body'],
-                obstacles, h, obstacle_impulse, normal_impulse,
-            )  # fmt: skip
-        for k in range(bodies_inside):
-            write_body(bodies[inside[k]['body']], inside[k], x, v)
+            receive(together, row, h)
+            number = together[row['one']]['body']
+            exchange(row, bodies[number], number, obstacles, h, obstacle_impulse, normal_impulse)
+        for k in range(len(together)):
+            write_body(bodies[together[k]['body']], together[k], x, v)
     return kept
+
+
+@helper
+def sort_into_islands(
+    members: np.ndarray,
+    rows: np.ndarray,
+    island: np.ndarray,
+    first_body: np.ndarray,
+    first_row: np.ndarray,
+    inside: np.ndarray,
+    local: np.ndarray,
+    own: np.ndarray,
+) -> None:
+    """
+    Copy bodies and contacts, island by island; contacts refer to bodies within their island.
+
+    Parameters
+    ----------
+    members, rows : (m,) MEMBER, (k,) ROW
+    island, local : (m,) int
+        written: least member of the island, and number within it
+    first_body, first_row : (m + 1,) int
+        written: where in the copies the island of each least member begins
+    inside, own : (m,) MEMBER, (k,) ROW
+        written
+
+    """
+    count = len(members)
+    for number in range(count):
+        island[number] = number
+    for row in rows:
+        if row['two'] >= 0:
+            unite(island, row['one'], row['two'])
+    for number in range(count):
+        island[number] = representative(island, number)
+        first_body[island[number] + 1] += 1
+    for row in rows:
+        first_row[island[row['one']] + 1] += 1
+    for number in range(count):
+        first_body[number + 1] += first_body[number]
+        first_row[number + 1] += first_row[number]
+    filled, placed = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    for number in range(count):
+        root = island[number]
+        local[number] = filled[root]
+        inside[first_body[root] + filled[root]] = members[number]
+        filled[root] += 1
+    for k in range(len(rows)):
+        root = island[rows[k]['one']]
+        place_in = first_row[root] + placed[root]
+        own[place_in] = rows[k]
+        row = own[place_in]
+        row['one'] = local[row['one']]
+        if row['two'] >= 0:
+            row['two'] = local[row['two']]
+        placed[root] += 1
 
 
 @helper
@@ -377,22 +400,19 @@ def resolve_island(
     """Resolve the contacts of one island: positions, then velocities."""
     count = len(members)
     modes = np.empty((3, count, MODES))
-    factored = count if count <= LARGEST_ISLAND else 0
-    hessian = np.zeros((factored, factored, MODES, MODES))
-    filled = np.zeros((factored, factored), np.bool_)
     scale, mass = members[0]['scale'], members[0]['mass']
     for number in range(count):
         scale = min(scale, members[number]['scale'])
         mass = min(mass, members[number]['mass'])
         put_vector(members[number]['shift'], ZERO)
         put_matrix(members[number]['rotation'], IDENTITY)
+        put_vector(members[number]['received'][0], ZERO)
+        put_vector(members[number]['received'][1], ZERO)
     begin_positions(members, rows, jacobian, h)
-    last, has_room = math.inf, True
+    last, has_room, unsolved = math.inf, True, work[2]
     energy = kinetic_energy(members)
     for number in range(ROUNDS):
-        residual, sweeps, steps = solve(
-            rows, jacobian, count, TOLERANCE * scale, mass, modes, hessian, filled
-        )
+        residual, sweeps, steps = solve(rows, jacobian, count, TOLERANCE * scale, mass, modes)
         work[0], work[1] = work[0] + sweeps, work[1] + steps
         work[2] += residual > TOLERANCE * scale
         place(members, rows)
@@ -409,36 +429,32 @@ def resolve_island(
         # the forces of the compliance
         for k in range(len(rows)):
             rows[k]['bias'][0] = rows[k]['linear_gap']
-        solve(rows, jacobian, count, TOLERANCE * scale, mass, modes, hessian, filled)
+        solve(rows, jacobian, count, TOLERANCE * scale, mass, modes)
         place(members, rows)
     keep_motion(members)
     change_velocities(members, rows, h)
     acting = begin_velocities(members, rows, jacobian, h)
     if acting > 0:
         residual, sweeps, steps = solve(
-            rows[:acting], jacobian[:acting], count, TOLERANCE * scale / h, mass, modes, hessian,
-            filled,
-        )  # fmt: skip
-        most = energy_after(members, rows[:acting])
-        if most > (1.0 + GAIN) * energy and all_still(rows[:acting]):
+            rows[:acting], jacobian[:acting], count, TOLERANCE * scale / h, mass, modes
+        )
+        impact = any_impact(rows[:acting]) and all_still(rows[:acting])
+        most = energy_after(members, rows[:acting]) if impact else 0.0
+        if most > (1.0 + GAIN) * energy:
             # simultaneous rebounds with friction could gain energy: it is convex in their share
             rebound(rows[:acting], -1.0)
-            solve(
-                rows[:acting], jacobian[:acting], count, TOLERANCE * scale / h, mass, modes,
-                hessian, filled,
-            )  # fmt: skip
+            solve(rows[:acting], jacobian[:acting], count, TOLERANCE * scale / h, mass, modes)
             least = energy_after(members, rows[:acting])
             share = min(max((energy - least) / (most - least), 0.0), 1.0)
             rebound(rows[:acting], share)
             residual, sweeps, steps = solve(
-                rows[:acting], jacobian[:acting], count, TOLERANCE * scale / h, mass, modes,
-                hessian, filled,
-            )  # fmt: skip
+                rows[:acting], jacobian[:acting], count, TOLERANCE * scale / h, mass, modes
+            )
         work[0], work[1] = work[0] + sweeps, work[1] + steps
         work[2] += residual > TOLERANCE * scale / h
         add_impulses(members, rows[:acting])
     share = 1.0
-    if kinetic_energy(members) > (1.0 + GAIN) * energy and all_still(rows):
+    if work[2] > unsolved and all_still(rows) and kinetic_energy(members) > (1.0 + GAIN) * energy:
         share = keep_energy(members, energy)
     for k in range(len(rows)):
         row = rows[k]
@@ -561,6 +577,7 @@ def separate(
 ) -> None:
     """Shift bodies out of obstacles by what is left of overlaps: next to nothing."""
     for _ in range(SHIFTS):
+        shifted = False
         for k in range(len(rows)):
             row = rows[k]
             if row['two'] >= 0:
@@ -579,6 +596,9 @@ def separate(
                     normal = outwards
             if -most < gap < 0.0:
                 put_vector(member['shift'], along(vector_of(member['shift']), -gap, normal))
+                shifted = True
+        if not shifted:
+            break
 
 
 # -------------------------------------------------------------------------------------- velocities
@@ -698,6 +718,15 @@ def all_still(rows: np.ndarray) -> bool:
 
 
 @helper
+def any_impact(rows: np.ndarray) -> bool:
+    """Return whether a contact rebounds."""
+    for k in range(len(rows)):
+        if rows[k]['elasticity'] * rows[k]['approach'] < 0.0:
+            return True
+    return False
+
+
+@helper
 def rebound(rows: np.ndarray, change: float) -> None:
     """Add a multiple of the speeds of rebound to the problem."""
     for k in range(len(rows)):
@@ -799,10 +828,11 @@ def write_body(body: np.void, member: np.void, x: np.ndarray, v: np.ndarray) -> 
     old, rotation = vector_of(member['centre']), matrix_of(member['rotation'])
     centre, velocity = plus(old, vector_of(member['shift'])), vector_of(member['velocity'])
     angular = angular_velocity_of(member)
-    for i in range(body['first'], body['first'] + body['count']):
-        arm = applied(rotation, minus(column_of(x1, i), old))
-        put_column(x1, i, plus(centre, arm))
-        put_column(v1, i, plus(velocity, cross(angular, arm)))
+    for i in range(body['first'], body['first'] + body['count'], LANES):
+        left = body['first'] + body['count'] - i
+        arm = applied(rotation, minus(vectors_at(x1, i, left), old))
+        put_vectors(x1, i, left, plus(centre, arm))
+        put_vectors(v1, i, left, plus(velocity, cross(angular, arm)))
     put_vector(body['centre'], centre)
     put_vector(body['velocity'], velocity)
     put_vector(body['angular_momentum'], vector_of(member['angular_momentum']))

@@ -45,8 +45,6 @@ TOUCHING = 1e-9
 MEMBER = np.dtype(
     [
         ('body', np.int64),
-        ('island', np.int64),
-        ('local', np.int64),  # its number within the island
         ('mass', np.float64),  # kg
         ('scale', np.float64),  # RMS radius, m
         ('margin', np.float64),  # distance from others within which they are contacts, m
@@ -63,7 +61,6 @@ MEMBER = np.dtype(
         ('angular_impulse', np.float64, (3,)),  # about the centre, N m s
         ('before', np.float64, (2, 3)),  # both, of the constant forces
         ('momenta', np.float64, (2, 3)),  # velocity and angular momentum before the contacts
-        ('touched', np.bool_),
         # of the whole tick: N s, and N m s about the centre at its end
         ('received', np.float64, (2, 3)),
     ],

@@ -56,8 +56,6 @@ def solve(
     tolerance: float,
     mass: float,
     modes: np.ndarray,
-    hessian: np.ndarray,
-    filled: np.ndarray,
 ) -> tuple[float, int, int]:
     """
     Solve the contact problem of one island.
@@ -75,8 +73,7 @@ def solve(
     mass : float
         of the lightest body, kg
     modes : (3, m, 6) float
-    hessian, filled : (m, m, 6, 6) float, (m, m) bool
-        scratch; of large islands the second and third may be empty
+        scratch
 
     Returns
     -------
@@ -90,7 +87,7 @@ def solve(
     distribute_viscous_friction(rows, jacobian)
     y = modes[0]
     sum_modes(rows, jacobian, y)
-    is_large = members > len(filled)
+    is_large = members > LARGEST_ISLAND
     residual, sweeps, most = math.inf, 0, LAST_SWEEPS if is_large else SWEEPS
     while sweeps < most:
         residual = sweep(rows, jacobian, y)
@@ -105,6 +102,8 @@ def solve(
     for k in range(len(rows)):
         rows[k]['disc_change'] = 0.0
     settle(rows, jacobian, y)
+    hessian = np.zeros((members, members, MODES, MODES))
+    filled = np.zeros((members, members), np.bool_)
     for _ in range(OUTER):
         steps += minimise(rows, jacobian, members, least, modes, hessian, filled)
         residual = settle(rows, jacobian, y)
