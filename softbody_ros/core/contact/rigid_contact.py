@@ -454,8 +454,10 @@ def resolve_island(
         work[2] += residual > TOLERANCE * scale / h
         add_impulses(members, rows[:acting])
     share = 1.0
-    if work[2] > unsolved and all_still(rows) and kinetic_energy(members) > (1.0 + GAIN) * energy:
-        share = keep_energy(members, energy)
+    if work[2] > unsolved:
+        most = largest_energy(members, rows, energy)
+        if kinetic_energy(members) > (1.0 + GAIN) * most:
+            share = keep_energy(members, energy, most)
     for k in range(len(rows)):
         row = rows[k]
         for axis in range(3):
@@ -756,9 +758,21 @@ def keep_motion(members: np.ndarray) -> None:
 
 
 @helper
-def keep_energy(members: np.ndarray, energy: float) -> float:
+def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float) -> float:
+    """Return the energy, J, with which bodies can leave obstacles: at twice their speed faster."""
+    fastest = mass = 0.0
+    for k in range(len(rows)):
+        fastest = max(fastest, norm(vector_of(rows[k]['other_velocity'])))
+    for number in range(len(members)):
+        mass += members[number]['mass']
+    root = math.sqrt(energy) + math.sqrt(2.0 * mass) * fastest
+    return root * root
+
+
+@helper
+def keep_energy(members: np.ndarray, energy: float, most: float) -> float:
     """
-    Take the share of all impulses that does not gain energy, and return it.
+    Take the share of all impulses after which there is not more energy, and return it.
 
     Impulses that are no solution, since none was found in time, could gain some.
     """
@@ -770,7 +784,8 @@ def keep_energy(members: np.ndarray, energy: float) -> float:
     # energy + a s + b s²
     b = 2.0 * (after + energy - 2.0 * kinetic_energy(middle))
     a = after - energy - b
-    share = min(max(-a / b, 0.0), 1.0) if b > 0.0 else 0.0
+    root = math.sqrt(max(a * a + 4.0 * b * (most - energy), 0.0))
+    share = min(max(0.5 * (root - a) / b, 0.0), 1.0) if b > 0.0 else 0.0
     for number in range(len(members)):
         take_share(members[number], share)
     return share

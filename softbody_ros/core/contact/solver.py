@@ -34,7 +34,7 @@ SWEEPS, LAST_SWEEPS = 4, 30
 """Gauss–Seidel sweeps before Newton's method, and of islands that are too large for it."""
 LARGEST_ISLAND = 30
 """Bodies of an island up to which Newton's equations are factorised."""
-OUTER, INNER, STEPS = 60, 40, 100
+OUTER, INNER, STEPS = 60, 40, 400
 """Most updates of the friction discs, Newton steps between them, and Newton steps in all."""
 SLOW = 0.05
 """Ratio of changes of the discs, and distance from 1, from which on they are extrapolated."""
