@@ -95,12 +95,14 @@ def solve(
         distribute_viscous_friction(rows, jacobian)
         if residual <= tolerance:
             break
+    for k in range(len(rows)):
+        # of the problem before, or of another: nothing to extrapolate
+        rows[k]['radius'] = radius_for(rows[k], rows[k]['base'][0] + rows[k]['force'][0])
+        rows[k]['disc_change'] = 0.0
     if is_large or residual <= tolerance:
         settle(rows, jacobian, y)
         return residual, sweeps, 0
     steps, least = 0, (PRECISION * tolerance) * (PRECISION * tolerance) * mass
-    for k in range(len(rows)):
-        rows[k]['disc_change'] = 0.0
     settle(rows, jacobian, y)
     hessian = np.zeros((members, members, MODES, MODES))
     filled = np.zeros((members, members), np.bool_)
@@ -114,6 +116,12 @@ def solve(
 
 
 @helper
+def radius_for(row: np.void, normal: float) -> float:
+    """Return the radius of the friction disc for a normal force."""
+    return row['friction'] * normal if normal > 0.0 else 0.0
+
+
+@helper
 def update_discs(rows: np.ndarray) -> None:
     """
     Take the radii of the present normal forces, or of those that they tend to.
@@ -123,8 +131,7 @@ def update_discs(rows: np.ndarray) -> None:
     product = square = 0.0
     for k in range(len(rows)):
         row = rows[k]
-        total = row['base'][0] + row['force'][0]
-        target = row['friction'] * total if total > 0.0 else 0.0
+        target = radius_for(row, row['base'][0] + row['force'][0])
         change = target - row['radius'] if target < math.inf and row['radius'] < math.inf else 0.0
         product += change * row['disc_change']
         square += row['disc_change'] * row['disc_change']
@@ -239,10 +246,9 @@ def relaxed(row: np.void, jacobian: np.ndarray, y: np.ndarray) -> tuple[float, f
     force, base, bias, compliance = row['force'], row['base'], row['bias'], row['compliance']
     n = force[0] - (bias[0] + compliance[0] * force[0] + n) / row['diagonal'][0]
     n = max(n, -base[0])
-    radius = row['friction'] * (base[0] + n) if base[0] + n > 0.0 else 0.0
     one = base[1] + force[1] - (bias[1] + compliance[1] * force[1] + one) / row['diagonal'][1]
     two = base[2] + force[2] - (bias[2] + compliance[1] * force[2] + two) / row['diagonal'][1]
-    one, two = on_disc(one, two, radius)
+    one, two = on_disc(one, two, radius_for(row, base[0] + n))
     return n - force[0], one - base[1] - force[1], two - base[2] - force[2]
 
 
