@@ -20,6 +20,7 @@ from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
 from softbody_ros.core.geometry.bvh import Trees
+from softbody_ros.core.geometry.union_find import unite
 from softbody_ros.core.state import State
 
 SAMPLE_INTERVAL = 0.1
@@ -195,16 +196,9 @@ def islands(count: int, one: np.ndarray, two: np.ndarray) -> np.ndarray:
 
 @kernel
 def join(parent: np.ndarray, one: np.ndarray, two: np.ndarray) -> None:
-    """Write the first body of the island of each (union-find with path halving)."""
+    """Write the first body of the island of each."""
     for k in range(len(one)):
-        a, b = one[k], two[k]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
-        parent[max(a, b)] = min(a, b)
+        unite(parent, one[k], two[k])
     # a parent comes before its children
     for k in range(len(parent)):
         parent[k] = parent[parent[k]]

@@ -35,6 +35,7 @@ from softbody_ros.core.geometry.vectors import (
     scaled,
     vector_of,
 )
+from softbody_ros.core.lanes import LANES, no_vectors, totals, vectors_at, weights_at
 
 
 @helper
@@ -101,24 +102,11 @@ def accept_exchange(
 @helper
 def centre_of_mass(body: np.void, shape: np.void, weights: np.ndarray, x: np.ndarray) -> Vector:
     """Return the centre of mass of a body in x (3, N), m."""
-    first, count = body['first'], body['count']
-    own = weights[shape['first'] : shape['first'] + count]
-    x0, x1, x2 = x[0, first : first + count], x[1, first : first + count], x[2, first:]
-    # two sums for each axis: the processor adds them at the same time
-    a = b = c = d = e = f = 0.0
-    for i in range(0, count - 1, 2):
-        a += own[i] * x0[i]
-        b += own[i] * x1[i]
-        c += own[i] * x2[i]
-        d += own[i + 1] * x0[i + 1]
-        e += own[i + 1] * x1[i + 1]
-        f += own[i + 1] * x2[i + 1]
-    if count % 2 == 1:
-        i = count - 1
-        a += own[i] * x0[i]
-        b += own[i] * x1[i]
-        c += own[i] * x2[i]
-    return a + d, b + e, c + f
+    total, last = no_vectors(), body['first'] + body['count']
+    for i in range(body['first'], last, LANES):
+        weight = weights_at(weights, shape['first'] + i - body['first'], last - i)
+        total = plus(total, scaled(weight, vectors_at(x, i, last - i)))
+    return totals(total)
 
 
 @helper

@@ -28,7 +28,7 @@ from softbody_ros.core.contact.rows import (
     CONTACT_FREQUENCY,
     MODES,
     complete_row,
-    force_of,
+    in_world,
     put_face_row,
     put_jacobian,
     put_member,
@@ -36,6 +36,7 @@ from softbody_ros.core.contact.rows import (
 )
 from softbody_ros.core.contact.solver import response, solve
 from softbody_ros.core.geometry.bvh import Trees
+from softbody_ros.core.geometry.union_find import root_of, unite
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
     ZERO,
@@ -257,7 +258,7 @@ def resolve(
             row = own[k]
             if row['positional'][0] > 0.0:
                 remembered[kept]['key'] = row['key']
-                put_vector(remembered[kept]['force'], positional_force(row))
+                put_vector(remembered[kept]['force'], in_world(row, row['positional']))
                 remembered[kept]['tolerated'] = row['tolerated']
                 kept += 1
             receive(together, row, h)
@@ -300,7 +301,7 @@ def sort_into_islands(
         if row['two'] >= 0:
             unite(island, row['one'], row['two'])
     for number in range(count):
-        island[number] = representative(island, number)
+        island[number] = root_of(island, number)
         first_body[island[number] + 1] += 1
     for row in rows:
         first_row[island[row['one']] + 1] += 1
@@ -327,16 +328,27 @@ def sort_into_islands(
 @helper
 def receive(members: np.ndarray, row: np.void, h: float) -> None:
     """Add the impulse of a contact, and its moment about the centres after the tick."""
-    impulse, point = scaled(h, force_of(row)), vector_of(row['end_point'])
+    point, force = vector_of(row['end_point']), in_world(row, row['force'])
     for side in range(2):
-        index = row['one'] if side == 0 else row['two']
+        index, sign = side_of(row, side)
         if index >= 0:
-            member, sign = members[index], 1.0 if side == 0 else -1.0
-            centre = plus(vector_of(member['centre']), vector_of(member['shift']))
-            received = member['received']
-            put_vector(received[0], along(vector_of(received[0]), sign, impulse))
-            moment = cross(minus(point, centre), impulse)
-            put_vector(received[1], along(vector_of(received[1]), sign, moment))
+            member = members[index]
+            centre = end_centre(member)
+            add_wrench_about(member['received'], centre, sign * h, point, force, ZERO)
+
+
+@helper
+def side_of(row: np.void, side: int) -> tuple[int, float]:
+    """Return the member of one side of a contact, or −1, and the sign of the force on it."""
+    if side == 0:
+        return row['one'], 1.0
+    return row['two'], -1.0
+
+
+@helper
+def end_centre(member: np.void) -> Vector:
+    """Return the centre after the tick, m."""
+    return plus(vector_of(member['centre']), vector_of(member['shift']))
 
 
 @helper
@@ -360,31 +372,8 @@ def exchange(
         origin = vector_of(obstacles[which]['position']) if which < len(obstacles) else ZERO
         add_wrench_about(
             obstacle_impulse[number, half, which], origin, -h, vector_of(row['end_point']),
-            force_of(row), ZERO,
+            in_world(row, row['force']), ZERO,
         )  # fmt: skip
-
-
-@helper
-def representative(island: np.ndarray, number: int) -> int:
-    """Return the least member of the island of a member."""
-    while island[number] != number:
-        number = island[number]
-    return number
-
-
-@helper
-def unite(island: np.ndarray, one: int, two: int) -> None:
-    """Unite the islands of two members."""
-    one, two = representative(island, one), representative(island, two)
-    island[max(one, two)] = min(one, two)
-
-
-@helper
-def positional_force(row: np.void) -> Vector:
-    """Return the constant force of a contact in world coordinates."""
-    force = scaled(row['positional'][0], vector_of(row['normal']))
-    force = along(force, row['positional'][1], vector_of(row['tangents'][0]))
-    return along(force, row['positional'][2], vector_of(row['tangents'][1]))
 
 
 @helper
@@ -491,46 +480,37 @@ def begin_positions(members: np.ndarray, rows: np.ndarray, jacobian: np.ndarray,
 @helper
 def place(members: np.ndarray, rows: np.ndarray) -> None:
     """Write the displacements of bodies by λ."""
-    for number in range(len(members)):
-        put_vector(members[number]['impulse'], ZERO)
-        put_vector(members[number]['angular_impulse'], ZERO)
+    begin_impulses(members)
     for k in range(len(rows)):
-        add_wrench(members, rows[k], force_of(rows[k]), vector_of(rows[k]['point']), False)
+        row = rows[k]
+        point, force = vector_of(row['point']), in_world(row, row['force'])
+        for side in range(2):
+            index, sign = side_of(row, side)
+            if index >= 0:
+                centre = vector_of(members[index]['centre'])
+                add_wrench_about(members[index]['impulse'], centre, sign, point, force, ZERO)
     for number in range(len(members)):
         member = members[number]
         share = 1.0 / member['mass']
-        put_vector(member['shift'], scaled(share, vector_of(member['impulse'])))
+        put_vector(member['shift'], scaled(share, vector_of(member['impulse'][0])))
         inverse = matrix_of(member['inverse_inertia'])
-        angle = applied(inverse, scaled(share, vector_of(member['angular_impulse'])))
+        angle = applied(inverse, scaled(share, vector_of(member['impulse'][1])))
         put_matrix(member['rotation'], rotation_by_vector(angle))
 
 
 @helper
-def add_wrench(
-    members: np.ndarray, row: np.void, force: Vector, point: Vector, at_end: bool
-) -> None:
-    """Add a force, or an impulse, on the first side, and its reaction, and their moments."""
-    for side in range(2):
-        index = row['one'] if side == 0 else row['two']
-        if index >= 0:
-            member, sign = members[index], 1.0 if side == 0 else -1.0
-            centre = vector_of(member['centre'])
-            if at_end:
-                centre = plus(centre, vector_of(member['shift']))
-            moment = cross(minus(point, centre), force)
-            put_vector(member['impulse'], along(vector_of(member['impulse']), sign, force))
-            put_vector(
-                member['angular_impulse'],
-                along(vector_of(member['angular_impulse']), sign, moment),
-            )
+def begin_impulses(members: np.ndarray) -> None:
+    """Begin to add up the impulses of one stage."""
+    for number in range(len(members)):
+        put_vector(members[number]['impulse'][0], ZERO)
+        put_vector(members[number]['impulse'][1], ZERO)
 
 
 @helper
 def moved(member: np.void, point: Vector) -> Vector:
     """Return where the contact forces of the tick displace a point of a body to, m."""
-    centre = vector_of(member['centre'])
-    arm = applied(matrix_of(member['rotation']), minus(point, centre))
-    return plus(plus(centre, vector_of(member['shift'])), arm)
+    arm = minus(point, vector_of(member['centre']))
+    return plus(end_centre(member), applied(matrix_of(member['rotation']), arm))
 
 
 @helper
@@ -613,43 +593,36 @@ def change_velocities(members: np.ndarray, rows: np.ndarray, h: float) -> None:
     of the centre without contacts: exact for a force constant over the tick, and equal on both
     sides, so that angular momentum is conserved.
     """
-    for number in range(len(members)):
-        put_vector(members[number]['impulse'], ZERO)
-        put_vector(members[number]['angular_impulse'], ZERO)
+    begin_impulses(members)
     for k in range(len(rows)):
         row = rows[k]
-        impulse = scaled(2.0 / h, force_of(row))
+        impulse = scaled(2.0 / h, in_world(row, row['force']))
         end = moved(members[row['one']], vector_of(row['point']))
         start = minus(vector_of(row['point']), vector_of(row['motion']))
         middle = scaled(0.5, plus(start, end))
         for side in range(2):
-            index = row['one'] if side == 0 else row['two']
+            index, sign = side_of(row, side)
             if index >= 0:
-                member, sign = members[index], 1.0 if side == 0 else -1.0
-                centre = along(
-                    vector_of(member['centre']), -0.5 * h, vector_of(member['velocity'])
-                )
-                moment = cross(minus(middle, centre), impulse)
-                put_vector(member['impulse'], along(vector_of(member['impulse']), sign, impulse))
-                put_vector(
-                    member['angular_impulse'],
-                    along(vector_of(member['angular_impulse']), sign, moment),
-                )
+                member = members[index]
+                centre, velocity = vector_of(member['centre']), vector_of(member['velocity'])
+                centre = along(centre, -0.5 * h, velocity)
+                add_wrench_about(member['impulse'], centre, sign, middle, impulse, ZERO)
         for axis in range(3):
             row['positional'][axis] = row['force'][axis] * 2.0 / (h * h)
         put_vector(row['end_point'], end)
-    for number in range(len(members)):
-        add_momentum(members[number], ZERO, ZERO)
+    add_momenta(members)
 
 
 @helper
-def add_momentum(member: np.void, impulse: Vector, angular_impulse: Vector) -> None:
-    """Add the impulses of a member beyond those given to its momenta."""
-    share = 1.0 / member['mass']
-    change = scaled(share, minus(vector_of(member['impulse']), impulse))
-    put_vector(member['velocity'], plus(vector_of(member['velocity']), change))
-    change = scaled(share, minus(vector_of(member['angular_impulse']), angular_impulse))
-    put_vector(member['angular_momentum'], plus(vector_of(member['angular_momentum']), change))
+def add_momenta(members: np.ndarray) -> None:
+    """Change velocities by the impulses of a stage."""
+    for number in range(len(members)):
+        member = members[number]
+        share = 1.0 / member['mass']
+        velocity, momentum = vector_of(member['velocity']), vector_of(member['angular_momentum'])
+        put_vector(member['velocity'], along(velocity, share, vector_of(member['impulse'][0])))
+        momentum = along(momentum, share, vector_of(member['impulse'][1]))
+        put_vector(member['angular_momentum'], momentum)
 
 
 @helper
@@ -663,8 +636,7 @@ def angular_velocity_of(member: np.void) -> Vector:
 @helper
 def velocity_of(member: np.void, point: Vector) -> Vector:
     """Return the velocity at a point after the tick, m/s."""
-    centre = plus(vector_of(member['centre']), vector_of(member['shift']))
-    turning = cross(angular_velocity_of(member), minus(point, centre))
+    turning = cross(angular_velocity_of(member), minus(point, end_centre(member)))
     return plus(vector_of(member['velocity']), turning)
 
 
@@ -682,8 +654,7 @@ def begin_velocities(members: np.ndarray, rows: np.ndarray, jacobian: np.ndarray
         if acting != k:
             swap(rows, acting, k)
         row = rows[acting]
-        point = moved(members[row['one']], vector_of(row['point']))
-        put_vector(row['end_point'], point)
+        point = vector_of(row['end_point'])
         put_jacobian(row, jacobian[acting], members, point, True)
         velocity = velocity_of(members[row['one']], point)
         if row['two'] >= 0:
@@ -776,7 +747,7 @@ def keep_energy(members: np.ndarray, energy: float, most: float) -> float:
 
     Impulses that are no solution, since none was found in time, could gain some.
     """
-    after, share = kinetic_energy(members), 1.0
+    after = kinetic_energy(members)
     middle = np.empty(len(members), members.dtype)
     for number in range(len(members)):
         middle[number] = members[number]
@@ -825,15 +796,16 @@ def swap(rows: np.ndarray, one: int, two: int) -> None:
 @helper
 def add_impulses(members: np.ndarray, rows: np.ndarray) -> None:
     """Change velocities by the impulses at the end of the tick."""
-    for number in range(len(members)):
-        member = members[number]
-        put_vector(member['before'][0], vector_of(member['impulse']))
-        put_vector(member['before'][1], vector_of(member['angular_impulse']))
+    begin_impulses(members)
     for k in range(len(rows)):
-        add_wrench(members, rows[k], force_of(rows[k]), vector_of(rows[k]['end_point']), True)
-    for number in range(len(members)):
-        member = members[number]
-        add_momentum(member, vector_of(member['before'][0]), vector_of(member['before'][1]))
+        row = rows[k]
+        point, impulse = vector_of(row['end_point']), in_world(row, row['force'])
+        for side in range(2):
+            index, sign = side_of(row, side)
+            if index >= 0:
+                centre = end_centre(members[index])
+                add_wrench_about(members[index]['impulse'], centre, sign, point, impulse, ZERO)
+    add_momenta(members)
 
 
 @helper

@@ -32,6 +32,7 @@ from softbody_ros.core.geometry.vectors import (
     put_column,
     put_vector,
     scaled,
+    tangents_of,
     vector_of,
 )
 from softbody_ros.core.shape_matching.polar_decomposition import (
@@ -455,7 +456,7 @@ def coulomb(
             continue
         contact, bound[p] = contacts[k], friction * impulse[k]
         arm, one, two = minus(vector_of(contact['point']), centre), ZERO, ZERO
-        one, two = tangents(vector_of(contact['normal']))
+        one, two = tangents_of(vector_of(contact['normal']))
         put_tangent(rows, mobile, sliding, 2 * p, one, arm, inverse, contact, twist)
         put_tangent(rows, mobile, sliding, 2 * p + 1, two, arm, inverse, contact, twist)
         p += 1
@@ -477,15 +478,6 @@ def coulomb(
                 shares[axis, k] += given[2 * p + 1] * rows[2 * p + 1, axis]
             p += 1
     return (total[0], total[1], total[2]), (total[3], total[4], total[5])
-
-
-@helper
-def tangents(normal: Vector) -> tuple[Vector, Vector]:
-    """Return two tangents, orthonormal with a normal."""
-    axis = (1.0, 0.0, 0.0) if abs(normal[0]) < 0.6 else (0.0, 1.0, 0.0)
-    one = cross(normal, axis)
-    one = scaled(1.0 / norm(one), one)
-    return one, cross(normal, one)
 
 
 @helper

@@ -10,6 +10,7 @@ import numpy as np
 
 from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.compiled import helper
+from softbody_ros.core.contact.manifold import geometric_mean
 from softbody_ros.core.geometry.vectors import (
     ZERO,
     Vector,
@@ -26,6 +27,7 @@ from softbody_ros.core.geometry.vectors import (
     put_matrix,
     put_vector,
     scaled,
+    tangents_of,
     vector_of,
 )
 from softbody_ros.core.shape_matching.polar_decomposition import orthogonal_columns
@@ -57,9 +59,7 @@ MEMBER = np.dtype(
         # by the contact forces
         ('shift', np.float64, (3,)),  # of the centre, m
         ('rotation', np.float64, (3, 3)),
-        ('impulse', np.float64, (3,)),  # N s
-        ('angular_impulse', np.float64, (3,)),  # about the centre, N m s
-        ('before', np.float64, (2, 3)),  # both, of the constant forces
+        ('impulse', np.float64, (2, 3)),  # of one stage, N s, and about the centre, N m s
         ('momenta', np.float64, (2, 3)),  # velocity and angular momentum before the contacts
         # of the whole tick: N s, and N m s about the centre at its end
         ('received', np.float64, (2, 3)),
@@ -99,10 +99,8 @@ ROW = np.dtype(
         ('closing', np.float64),  # normal speed of approach at the end of the flight, m/s
         ('is_new', np.bool_),  # not made at the tick before
         ('remembered', np.float64, (3,)),  # force of the tick before
-        (
-            'tolerated',
-            np.float64,
-        ),  # depth at the end: what is found deep inside gets out slowly, m
+        # depth at the end, m: what is found deep inside gets out slowly
+        ('tolerated', np.float64),
         ('inverse_mass', np.float64),  # sum of both sides, 1/kg
         ('softness', np.float64),  # of its compliance, relative to the mean: few on little area
         ('elasticity', np.float64),
@@ -163,15 +161,6 @@ def put_member(member: np.void, body: np.void, number: int, scale: float, margin
         size = math.sqrt(norm(columns[axis]))
         for row in range(3):
             member['root'][row, axis] = size * axes[axis][row]
-
-
-@helper
-def tangents_of(normal: Vector) -> tuple[Vector, Vector]:
-    """Return two tangents, orthonormal with a normal."""
-    axis = (1.0, 0.0, 0.0) if abs(normal[0]) < 0.6 else (0.0, 1.0, 0.0)
-    one = cross(normal, axis)
-    one = scaled(1.0 / norm(one), one)
-    return one, cross(normal, one)
 
 
 @helper
@@ -355,11 +344,11 @@ def put_jacobian(
 
 
 @helper
-def force_of(row: np.void) -> Vector:
-    """Return the force of a contact on its first side in world coordinates."""
-    force = scaled(row['force'][0], vector_of(row['normal']))
-    force = along(force, row['force'][1], vector_of(row['tangents'][0]))
-    return along(force, row['force'][2], vector_of(row['tangents'][1]))
+def in_world(row: np.void, components: np.ndarray) -> Vector:
+    """Return the vector of its components along normal and tangents of a contact."""
+    result = scaled(components[0], vector_of(row['normal']))
+    result = along(result, components[1], vector_of(row['tangents'][0]))
+    return along(result, components[2], vector_of(row['tangents'][1]))
 
 
 @helper
@@ -390,12 +379,6 @@ POINT_SET = np.dtype(
     align=True,
 )
 """Points that no force moves: of a cloud, or on the edges of an obstacle."""
-
-
-@helper
-def geometric_mean(one: float, two: float) -> float:
-    """Return √(a b)."""
-    return math.sqrt(one * two)
 
 
 @helper

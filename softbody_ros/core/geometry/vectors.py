@@ -67,6 +67,15 @@ def along(a: Vector, factor: float, b: Vector) -> Vector:
     return (a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2])
 
 
+@helper
+def tangents_of(normal: Vector) -> tuple[Vector, Vector]:
+    """Return two tangents, orthonormal with a normal."""
+    axis = (1.0, 0.0, 0.0) if abs(normal[0]) < 0.6 else (0.0, 1.0, 0.0)
+    one = cross(normal, axis)
+    one = scaled(1.0 / norm(one), one)
+    return one, cross(normal, one)
+
+
 # ----------------------------------------------------------------------------------------- arrays
 @helper
 def vector_of(array):  # type: ignore[no-untyped-def]
