@@ -30,7 +30,7 @@ sequence of stages (step.py), each one or several kernels (compiled.py) over all
 6. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
 
 What contacts exert in a tick, each stage adds to the results of contact/exchange.py, which are
-integrated over time; contact_forces.py has the means for readers.
+integrated over time (contact_forces.py); mean_wrenches.py has the means for readers.
 
 config.py has all settings; external_inputs.py the inputs at run time: obstacles, points, wrenches,
 gravity; poke.py localised impulses.
@@ -38,9 +38,10 @@ gravity; poke.py localised impulses.
 
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
-from softbody_ros.core.contact_forces import ContactImpulse, MeanWrenches
+from softbody_ros.core.contact_forces import ContactImpulse
 from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.mean_wrenches import MeanWrenches
 from softbody_ros.core.rigid_fit import RigidFit
 from softbody_ros.core.step import SimulationError
 from softbody_ros.core.world import Snapshot, World

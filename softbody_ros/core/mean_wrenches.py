@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Mean forces of contacts since a reader last asked, from the integrals of `contact_forces`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softbody_ros.core.contact_forces import ContactImpulse, ContactWrench, ObstacleKey
+from softbody_ros.core.world import World
+
+
+class MeanWrenches:
+    """
+    A reader of a world that gets mean wrenches since it last asked for the same body or obstacle.
+
+    >>> from softbody_ros.core import World, WorldConfig
+    >>> world = World(WorldConfig())
+    >>> means = MeanWrenches(world)
+    >>> world.step(240)
+    >>> force, torque = means.obstacle_wrench('ground')
+
+    At the first time it is the mean since the reader was made, or since the body or obstacle was
+    added. If there was no tick since then, it is the wrench of the last tick; so it is, once for
+    each, after `World.reset` and `World.restore`, where the means begin anew.
+
+    Parameters
+    ----------
+    world : World
+
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._begin()
+
+    def contact_wrench(self, name: str) -> ContactWrench:
+        """Return the mean of `World.contact_wrench`."""
+        now = self._world.contact_impulse(name)
+        return self._mean(self._bodies, name, now) or self._world.contact_wrench(name)
+
+    def obstacle_wrench(self, name: ObstacleKey) -> ContactWrench:
+        """Return the mean of `World.obstacle_wrench`."""
+        key, now = self._world.obstacle_key(name), self._world.obstacle_impulse(name)
+        return self._mean(self._obstacles, key, now) or self._world.obstacle_wrench(name)
+
+    def _begin(self) -> None:
+        """Begin all means at the present tick."""
+        world = self._world
+        self._time_jumps = world.time_jumps
+        self._bodies = {name: world.contact_impulse(name) for name in world.names}
+        self._obstacles = {key: world.obstacle_impulse(key) for key in world.obstacle_keys}
+
+    def _mean(self, last: dict, key: ObstacleKey, now: ContactImpulse) -> ContactWrench | None:
+        """Return a mean, and begin the next one; None without ticks."""
+        if self._time_jumps != self._world.time_jumps:
+            self._begin()
+            return None
+        before = last.get(key)
+        if before is None or before.start != now.start:
+            # it has been added since
+            before = ContactImpulse(np.zeros(3), np.zeros(3), now.start, now.start)
+        last[key] = now
+        return now.mean_since(before) if now.end > before.end else None
