@@ -34,6 +34,8 @@ SHAPE = np.dtype(
         ('inverse_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
         ('unspanned_linear', np.float64, (LINEAR, LINEAR)),
         ('unspanned_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
+        ('whitening_linear', np.float64, (LINEAR, LINEAR)),
+        ('whitening_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
         ('volume_linear', np.float64, (LINEAR, LINEAR, LINEAR)),
         ('volume_quadratic', np.float64, (QUADRATIC, QUADRATIC, QUADRATIC)),
     ],
@@ -72,6 +74,9 @@ class RestShape:
         eq. 7 and section 4.3)
     unspanned_linear, unspanned_quadratic : (3, 3), (9, 9) float
         projection on the null space of that Gram matrix
+    whitening_linear, whitening_quadratic : (3, 3), (9, 9) float
+        W of the whitened features ψ = W f: Σ w ψ ψᵀ = 1, but for rows of zeros in place of
+        combinations of features that the shape does not span
     volume_form : (9, 9, 9) float
         antisymmetric; the enclosed volume of the goal T f, relative to the rest volume, is
         Σ T₀ᵢ T₁ⱼ T₂ₖ volume_formᵢⱼₖ. For an open surface it is the determinant of T's linear block
@@ -89,6 +94,8 @@ class RestShape:
     inverse_quadratic: np.ndarray
     unspanned_linear: np.ndarray
     unspanned_quadratic: np.ndarray
+    whitening_linear: np.ndarray
+    whitening_quadratic: np.ndarray
     volume_form: np.ndarray
 
     @property
@@ -121,6 +128,8 @@ class RestShape:
         record['inverse_quadratic'] = self.inverse_quadratic
         record['unspanned_linear'] = self.unspanned_linear
         record['unspanned_quadratic'] = self.unspanned_quadratic
+        record['whitening_linear'] = self.whitening_linear
+        record['whitening_quadratic'] = self.whitening_quadratic
         record['volume_linear'] = self.volume_form[:LINEAR, :LINEAR, :LINEAR]
         record['volume_quadratic'] = self.volume_form
         return record
@@ -174,6 +183,8 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         inverse_quadratic=inverse_quadratic,
         unspanned_linear=unspanned_linear,
         unspanned_quadratic=unspanned_quadratic,
+        whitening_linear=whitening(gram[:LINEAR, :LINEAR]),
+        whitening_quadratic=whitening(gram),
         volume_form=_volume_form(surface, features),
     )
 
@@ -191,6 +202,13 @@ def pseudo_inverse(gram: np.ndarray, cut: float = RANK_CUT) -> tuple[np.ndarray,
     inverse = (basis / values[spanned]) @ basis.T
     null = vectors[:, ~spanned]
     return inverse, null @ null.T
+
+
+def whitening(gram: np.ndarray, cut: float = RANK_CUT) -> np.ndarray:
+    """Return W with W G Wᵀ = 1 for a symmetric matrix G; rows of its null space are zeros."""
+    values, vectors = np.linalg.eigh(gram)
+    spanned = values > cut * values[-1]
+    return np.where(spanned, vectors, 0.0).T / np.sqrt(np.where(spanned, values, 1.0))[:, None]
 
 
 def _products(q: np.ndarray) -> np.ndarray:
