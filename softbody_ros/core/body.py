@@ -47,7 +47,7 @@ BODY = np.dtype(
         ('mass', np.float64),  # kg
         ('kappa', np.float64),  # frequency of the residual, relative to that of the stiffness
         # of regular and of degenerate states; of followed modes, residual and change of volume
-        ('responses', np.float64, (2, 3, 6)),
+        ('responses', np.float64, (2, 3, 7)),
         ('stiffnesses', np.float64, (3,)),  # ω² of regular states, 1/s²
         ('volume_share', np.float64),  # of the stiffness against changes of volume
         ('pins_linear', np.float64, (3,)),  # m/s

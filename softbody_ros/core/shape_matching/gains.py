@@ -62,12 +62,13 @@ def oscillator_gains(
 
 def oscillator_response(
     omega: float, zeta: float, step: float
-) -> tuple[float, float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float, float]:
     """
-    Return the exact motion of a damped oscillator under a constant force in a tick.
+    Return the exact motion of a damped oscillator under a force in a tick.
 
     y' = Φ₁₁ y + Φ₁₂ u + Γ₁ a and u' = Φ₂₁ y + Φ₂₂ u + Γ₂ a for displacement y, velocity u = ẏ and
-    acceleration a by the force: ÿ = −2 ζ ω ẏ − ω² y + a. In rest y = a / ω² at any step.
+    acceleration a by a constant force: ÿ = −2 ζ ω ẏ − ω² y + a. In rest y = a / ω² at any step.
+    A force that grows as ȧ t adds Γ₃ ȧ and Γ₁ ȧ.
 
     Parameters
     ----------
@@ -79,25 +80,27 @@ def oscillator_response(
 
     Returns
     -------
-    tuple of 6 float
-        Φ₁₁, Φ₁₂ in s, Φ₂₁ in 1/s, Φ₂₂, Γ₁ in s², Γ₂ in s
+    tuple of 7 float
+        Φ₁₁, Φ₁₂ in s, Φ₂₁ in 1/s, Φ₂₂, Γ₁ in s², Γ₂ in s, Γ₃ in s³
 
     """
     if omega * step < SMALL_PHASE:
         # derivatives of y at 0 for a = 1: each follows from the two before
         before, now = 0.0, 1.0
-        position, velocity = 0.5 * step * step, step
+        position, velocity, sum_of_position = 0.5 * step * step, step, step**3 / 6.0
         term = step
         for order in range(2, 18):
             before, now = now, -2.0 * zeta * omega * now - omega * omega * before
             term *= step / order
             velocity += now * term
             position += now * term * step / (order + 1)
+            sum_of_position += now * term * step * step / ((order + 1) * (order + 2))
     else:
         damped = math.sqrt(max(1.0 - zeta * zeta, 0.0)) * omega
         decay, phase = math.exp(-zeta * omega * step), damped * step
         velocity = decay * (math.sin(phase) / damped if phase > 0.0 else step)
         position = (1.0 - decay * math.cos(phase) - zeta * omega * velocity) / omega**2
+        sum_of_position = (step - velocity) / omega**2 - 2.0 * zeta * position / omega
     stay = 1.0 - omega * omega * position
     return (
         stay,
@@ -106,6 +109,7 @@ def oscillator_response(
         stay - 2.0 * zeta * omega * velocity,
         position,
         velocity,
+        sum_of_position,
     )
 
 

@@ -103,14 +103,14 @@ from softbody_ros.core.shape_matching.rigid_motion import (
 
 TURN_STEPS = 3
 """Fixed-point iterations of the midpoint rule for rotation."""
-SLOW_TURN = 1e-4
+SLOW_TURN = 1e-6
 """Square of the angular velocity, relative to the stiffness of followed modes, up to which the
-centrifugal acceleration at the start of a tick is good enough."""
+centrifugal acceleration is taken as constant in a tick."""
 LARGEST_TURN = 1e4
 """Angle of rotation in one tick beyond which it has no meaning, rad."""
 
-Response = tuple[float, float, float, float, float, float]
-"""Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂ of `gains.oscillator_response`."""
+Response = tuple[float, float, float, float, float, float, float]
+"""Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂, Γ₃ of `gains.oscillator_response`."""
 
 
 class Second(NamedTuple):
@@ -165,7 +165,7 @@ def fly(
         0, or 1 + the index of a body with positions or velocities that are not finite
 
     """
-    linear, quadratic, tile = np.empty((9, 3, 3)), np.empty((9, 9, 3)), np.empty((4, TILE))
+    linear, quadratic, tile = np.empty((10, 3, 3)), np.empty((10, 9, 3)), np.empty((4, TILE))
     g = vector_of(gravity)
     for index in range(len(awake)):
         body = bodies[awake[index]]
@@ -293,7 +293,7 @@ def match(
     stretch : (2, S, 3, 3) float
     posture : (S, 3, 3) float
         see `fly`
-    scratch : (9, F, 3) float
+    scratch : (10, F, 3) float
         the first is Σ w f r, m, and remains so; written: the third is the fit, the fourth the
         nearest fit of the rest volume, the sixth the direction to it, dimensionless
 
@@ -307,7 +307,9 @@ def match(
     undeformed = undeformed_of(linear_block(moment), plastic, is_plastic)
     body['degeneracy'] = 0.0
     if body['mode'] == RIGID:
-        fill(fitted, 0.0)
+        # no deformation to follow
+        for k in range(2, 6):
+            fill(scratch[k], 0.0)
         put_matrix(posture[row], undeformed)
         return undeformed
     fit(moment, undeformed, shape, fitted)
@@ -338,6 +340,7 @@ def blended_response(body: np.void, kind: int) -> Response:
         regular[3] + d * (degenerate[3] - regular[3]),
         put_response[0],
         put_response[1],
+        regular[6] + d * (degenerate[6] - regular[6]),
     )
 
 
@@ -376,7 +379,7 @@ def solve(
         R, or R S_p
     gravity : vector
         m/s²
-    scratch : (9, F, 3) float
+    scratch : (10, F, 3) float
         see `match`; the second is Σ w f v, m/s. Written: the first is the image of the features
         in v', m/s
     h : float
@@ -402,7 +405,7 @@ def solve(
     uu = combined(1.0, uu, kept * kept, product(product(turning, second.rr), transposed(turning)))
     residual = blended_response(body, RESIDUAL)
     a, b, c, d = residual[0], residual[1], residual[2], residual[3]
-    advance_fit(body, shape, times(scale, undeformed), omega, spin, second.rr, scratch)
+    advance_fit(body, shape, times(scale, undeformed), omega, spin, second.rr, inverse, scratch, h)
     # of what the gains of the residual do to the whole of r and u, they leave the residual
     of_x, of_s, gram_x = scratch[3], scratch[4], scratch[8]
     for f in range(len(of_x)):
@@ -515,10 +518,12 @@ def advance_fit(
     omega: Vector,
     spin: Vector,
     rr: Matrix,
+    inverse: Matrix,
     scratch: np.ndarray,
+    h: float,
 ) -> None:
     """
-    Move the modes of the transform, under the centrifugal acceleration at the middle of the tick.
+    Move the modes of the transform, under the centrifugal acceleration.
 
     Parameters
     ----------
@@ -526,26 +531,25 @@ def advance_fit(
     shape : SHAPE
     undeformed : matrix
         P, m
-    omega, spin, rr
-        angular velocity, rad/s; angular momentum, m²/s, and second moments, m²
-    scratch : (9, F, 3) float
+    omega, spin, rr, inverse
+        angular velocity, rad/s; angular momentum, m²/s; second moments, m²; inverse inertia, 1/m²
+    scratch : (10, F, 3) float
         Σ w f r and Σ w f u, then the results of `match`. Written: the fourth is the transform of
         positions after the tick, m, the fifth that of velocities of deformation, m/s, and the
         seventh that of velocities before it
 
     """
-    of_r, of_uf, fitted, of_x, direction = (
-        scratch[0],
-        scratch[1],
-        scratch[2],
-        scratch[3],
+    of_r, of_uf, fitted, of_x = scratch[0], scratch[1], scratch[2], scratch[3]
+    direction, of_u, dual, driven, change = (
         scratch[5],
+        scratch[6],
+        scratch[7],
+        scratch[8],
+        scratch[9],
     )
-    of_u, dual, driven = scratch[6], scratch[7], scratch[8]
     scale_transform(fitted, shape['scale'])
     if body['mode'] == RIGID:
         fill(of_u, 0.0)
-        fill(direction, 0.0)
         fill(dual, 0.0)
     elif len(fitted) == LINEAR:
         multiply(shape['inverse_linear'], of_uf, of_u)
@@ -557,26 +561,43 @@ def advance_fit(
     field = centrifugal_field(body, omega)
     for f in range(len(fitted)):
         put_vector(driven[f], applied(field, vector_of(fitted[f])))
+        put_vector(change[f], ZERO)
+    turn_off(driven, fitted, applied(inverse, summed_cross(of_r, driven)))
     move_modes(body, undeformed, target, scratch)
     if dot(omega, omega) > SLOW_TURN * body['stiffnesses'][FOLLOWED]:
-        # again: evaluated at the start only, it would feed energy into oscillations
+        # again, with its change: constant, it would act half a tick too late
         if len(fitted) == LINEAR:
-            multiply(shape['gram'][:LINEAR, :LINEAR], of_x, driven)
+            multiply(shape['gram'][:LINEAR, :LINEAR], of_x, change)
         else:
-            multiply(shape['gram'], of_x, driven)
-        change = combined(0.5, summed_outer(driven, of_x), -0.5, summed_outer(of_r, fitted))
-        middle = inverse_inertia_of(added(rr, change), shape['scale'])
-        field = centrifugal_field(body, applied(middle, spin))
+            multiply(shape['gram'], of_x, change)
+        moved = combined(1.0, summed_outer(change, of_x), -1.0, summed_outer(of_r, fitted))
+        after = inverse_inertia_of(added(rr, moved), shape['scale'])
+        # in axes that turn with the body
+        spin = applied_transposed(rotation_by(scaled(h, omega)), spin)
+        field, torque = centrifugal_field(body, applied(after, spin)), ZERO
         for f in range(len(fitted)):
-            between = scaled(0.5, plus(vector_of(fitted[f]), vector_of(of_x[f])))
-            put_vector(driven[f], applied(field, between))
+            weighted, at_end = vector_of(change[f]), applied(field, vector_of(of_x[f]))
+            torque = plus(torque, cross(weighted, at_end))
+            put_vector(change[f], at_end)
+        turn_off(change, of_x, applied(after, torque))
+        for f in range(len(fitted)):
+            at_end = minus(vector_of(change[f]), vector_of(driven[f]))
+            put_vector(change[f], scaled(1.0 / h, at_end))
         move_modes(body, undeformed, target, scratch)
+
+
+@helper
+def turn_off(driven: np.ndarray, fitted: np.ndarray, angular_acceleration: Vector) -> None:
+    """Subtract from the acceleration of a transform what turns it: that is a rigid motion."""
+    for f in range(len(driven)):
+        rigid = cross(angular_acceleration, vector_of(fitted[f]))
+        put_vector(driven[f], minus(vector_of(driven[f]), rigid))
 
 
 @helper
 def move_modes(body: np.void, undeformed: Matrix, target: float, scratch: np.ndarray) -> None:
     """
-    Move the modes of the transform under a constant acceleration.
+    Move the modes of the transform under an acceleration that changes linearly.
 
     Parameters
     ----------
@@ -585,33 +606,38 @@ def move_modes(body: np.void, undeformed: Matrix, target: float, scratch: np.nda
         P, m
     target : float
         component of the nearest fit of the rest volume along the gradient of volume, m
-    scratch : (9, F, 3) float
-        see `advance_fit`; the ninth is the acceleration, m/s²
+    scratch : (10, F, 3) float
+        see `advance_fit`; the ninth is the acceleration at the start, m/s², the tenth its
+        change, m/s³
 
     """
     fitted, of_x, of_s, direction = scratch[2], scratch[3], scratch[4], scratch[5]
-    of_u, dual, driven = scratch[6], scratch[7], scratch[8]
+    of_u, dual, driven, change = scratch[6], scratch[7], scratch[8], scratch[9]
     followed, breathing = blended_response(body, FOLLOWED), blended_response(body, BREATHING)
     columns = transposed(undeformed)
     # along the volume gradient: start, equilibria, and what differs from the other directions
     at, speed = scalar_product(dual, fitted), scalar_product(dual, of_u)
-    driving = scalar_product(dual, driven)
+    driving, growth = scalar_product(dual, driven), scalar_product(dual, change)
     rest = dot(vector_of(dual[0]), columns[0])
     rest += dot(vector_of(dual[1]), columns[1]) + dot(vector_of(dual[2]), columns[2])
     lacking = (1.0 - body['degeneracy']) * body['volume_share'] * (target - rest)
     more_x = lacking + breathing[0] * (at - rest - lacking) - followed[0] * (at - rest)
     more_x += (breathing[1] - followed[1]) * speed + (breathing[4] - followed[4]) * driving
+    more_x += (breathing[6] - followed[6]) * growth
     more_v = breathing[2] * (at - rest - lacking) - followed[2] * (at - rest)
     more_v += (breathing[3] - followed[3]) * speed + (breathing[5] - followed[5]) * driving
+    more_v += (breathing[4] - followed[4]) * growth
 
     for f in range(len(fitted)):
         p = columns[f] if f < LINEAR else ZERO
-        u, k = vector_of(of_u[f]), vector_of(driven[f])
+        u, k, rate = vector_of(of_u[f]), vector_of(driven[f]), vector_of(change[f])
         deviation, along_gradient = minus(vector_of(fitted[f]), p), vector_of(direction[f])
         moved = along(along(p, followed[0], deviation), followed[1], u)
-        put_vector(of_x[f], along(along(moved, followed[4], k), more_x, along_gradient))
+        moved = along(along(moved, followed[4], k), followed[6], rate)
+        put_vector(of_x[f], along(moved, more_x, along_gradient))
         moved = along(scaled(followed[2], deviation), followed[3], u)
-        put_vector(of_s[f], along(along(moved, followed[5], k), more_v, along_gradient))
+        moved = along(along(moved, followed[5], k), followed[4], rate)
+        put_vector(of_s[f], along(moved, more_v, along_gradient))
 
 
 @helper
