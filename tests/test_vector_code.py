@@ -7,8 +7,11 @@ import llvmlite.binding
 import numpy as np
 import pytest
 
+from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
+from softbody_ros.core.geometry.vectors import put_matrix, put_vector
 from softbody_ros.core.shape_matching import flight, moments, rigid_motion
+from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
 pytestmark = pytest.mark.skipif(not is_compiled(), reason='plain Python has no instructions')
 COUNT = 512
@@ -16,34 +19,36 @@ COUNT = 512
 
 # each loop as a kernel of its own: in a whole tick other code has vector instructions, too
 @kernel
-def predict_row(x, v, y):
-    moments.predict_row(x, v, 0.1, 0.2, y)
+def store_predicted(x, v, y):
+    moments.store_predicted(x, v, 0, x.shape[1], (0.1, 0.2, 0.3), 0.4, y, 0)
 
 
 @kernel
-def product_row(q, y):
-    moments.feature_row((q, q, q), 4, y)
+def sums_of_tile(y, v, w, result):
+    found = moments.sums_of_tile(moments.Tile(0, len(w), 0), y, 0, v, w)
+    for k in range(5):
+        put_vector(result[k], found[k])
 
 
 @kernel
-def write_positions(y, q, x):
-    flight.write_positions(y, (q, q, q), 0.1, 0.2, (0.3, 0.4, 0.5), x)
+def moments_of_tile(y, q, w, result):
+    for block in range(3):
+        found = moments.moments_of_tile(moments.Tile(0, len(w), 0), y, 0, w, q, block)
+        put_matrix(result[block], found)
 
 
 @kernel
-def write_velocities(y, u, q, v):
-    m, g = (0.3, 0.4, 0.5), (0.6, 0.7, 0.8)
-    flight.write_velocities((y, y, y), u, (q, q, q), 0.1, 0.2, m, g, v)
+def products_of_tile(p, y, w, result):
+    found, mean = moments.products_of_tile(moments.Tile(0, len(w), 0), p, y, w)
+    put_matrix(result, found)
+    put_vector(result[3], mean)
 
 
 @kernel
-def add_products(t, q, x):
-    flight.add_products((q, q, q), t, 0, x)
-
-
-@kernel
-def add_multiples(p, x):
-    flight.add_multiples((p, p, p), (0.1, 0.2, 0.3), x)
+def write(x, v, q, t, g, p, to_x, to_v, bodies, shapes):
+    a, c, m = (0.1, 0.2, 0.3), 0.4, ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.7, 0.8, 0.9))
+    mapping = flight.ParticleMap(a, 0.5, c, a, m, 0.6, m)
+    flight.write(x, v, bodies[0], shapes[0], q, a, 0.1, mapping, t, g, p, to_x, to_v)
 
 
 @kernel
@@ -52,35 +57,41 @@ def add_rigid_displacement(x, v):
     rigid_motion.add_rigid_displacement(x, v, 0, x.shape[1], centre, linear, angular, 0.1)
 
 
-ROWS = {
-    predict_row: [(COUNT,)] * 3,
-    product_row: [(COUNT,)] * 2,
-    write_positions: [(COUNT,)] * 3,
-    write_velocities: [(COUNT,)] * 4,
-    add_products: [(9, 3), (COUNT,), (COUNT,)],
-    add_multiples: [(COUNT,)] * 2,
-    add_rigid_displacement: [(3, COUNT)] * 2,
+FIELD = (3, COUNT)
+ARRAYS = {
+    store_predicted: [FIELD] * 3,
+    sums_of_tile: [FIELD, FIELD, (COUNT,), (5, 3)],
+    moments_of_tile: [FIELD, FIELD, (COUNT,), (3, 3, 3)],
+    products_of_tile: [FIELD, FIELD, (COUNT,), (4, 3)],
+    write: [FIELD, FIELD, FIELD, (9, 3), (9, 3), FIELD, FIELD, FIELD],
+    add_rigid_displacement: [FIELD] * 2,
 }
 """Arguments of each."""
 OPERATIONS = {
-    'predict_row': 3,
-    'product_row': 1,
-    'write_positions': 8,
-    'write_velocities': 10,
-    'add_products': 10,
-    'add_multiples': 6,
+    'store_predicted': 9,
+    'sums_of_tile': 36,
+    'moments_of_tile': 24,
+    'products_of_tile': 24,
+    'write': 156,
     'add_rigid_displacement': 12,
 }
-"""Of floats, about, for one particle: as vectors there are at least as many instructions."""
+"""Of floats for one particle: as vectors there are at least as many instructions."""
 MANY_ARRAYS = {'add_rigid_displacement'}
 """More than the oldest supported compiler checks for overlap: it leaves this loop scalar."""
 
 
-@pytest.mark.parametrize('loop', ROWS, ids=lambda loop: loop.__name__)
+def records():
+    """Return one body and its shape."""
+    bodies, shapes = np.zeros(1, BODY), np.zeros(1, SHAPE)
+    bodies['count'] = shapes['count'] = COUNT
+    return bodies, shapes
+
+
+@pytest.mark.parametrize('loop', ARRAYS, ids=lambda loop: loop.__name__)
 def test_a_hot_loop_is_vectorised(loop):
     if loop.__name__ in MANY_ARRAYS and llvmlite.binding.llvm_version_info < (15,):
         pytest.skip('six arrays are too many for LLVM 14: other loops tell whether it vectorises')
-    loop(*(np.ones(shape) for shape in ROWS[loop]))
+    loop(*(np.ones(shape) for shape in ARRAYS[loop]), *(records() if loop is write else ()))
     assert vector_instructions(loop) >= OPERATIONS[loop.__name__]
 
 

@@ -46,6 +46,7 @@ from softbody_ros.core.geometry.vectors import (
     transposed,
     vector_of,
 )
+from softbody_ros.core.lanes import LANES, put_vectors, vectors_at
 from softbody_ros.core.shape_matching.goals import (
     find_goal,
     match_regions,
@@ -55,19 +56,20 @@ from softbody_ros.core.shape_matching.matching import (
     LINEAR,
     copy,
     fill,
+    linear_block,
+    mixed_products,
     multiply,
+    squares,
 )
 from softbody_ros.core.shape_matching.moments import (
     TILE,
     RegionSums,
-    Rows,
     Sums,
     add_row,
     is_finite,
     particle_sums,
     predict,
     region_sums,
-    rows,
     sample_mean,
     store_predicted,
 )
@@ -157,7 +159,7 @@ def predict_and_match(
         0, or 1 + the index of a body with positions or velocities that are not finite
 
     """
-    linear, quadratic, tile = np.empty((10, 3, 3)), np.empty((10, 9, 3)), np.empty((4, TILE))
+    linear, quadratic, tile = np.empty((10, 3, 3)), np.empty((10, 9, 3)), np.empty((3, TILE))
     g = vector_of(gravity)
     for index in range(len(awake)):
         body = bodies[awake[index]]
@@ -188,7 +190,8 @@ def predict_and_match(
         fill(pf, 0.0)
         if body['regions']:
             share = body['whole_body_weight']
-            store_predicted(x0, v0, body, offset, h, region_goals)
+            first, end = body['first'], body['first'] + body['count']
+            store_predicted(x0, v0, first, end, offset, h, region_goals, first)
             match_regions(
                 body, matched, regions, member, features, weighted_features, region_goals, stretch,
                 match_centre, match_posture, origin, degeneracy,
@@ -207,10 +210,7 @@ def predict_and_match(
             mapping = solve_pinned(
                 body, shape, origin, scaled(h, g), total, centre, share, gain, goal_x, goal_v
             )
-        write(
-            x0, v0, body, matched, q, offset, h, mapping, goal_x, goal_v, region_goals, x1, v1,
-            tile,
-        )  # fmt: skip
+        write(x0, v0, body, matched, q, offset, h, mapping, goal_x, goal_v, region_goals, x1, v1)
         if body['matched'] != body['shape']:
             measure_motion(body, shape, weights, x1, v1)
         for row in range(2):
@@ -408,51 +408,6 @@ def measure_motion(
 
 
 @helper
-def write_positions(
-    y: np.ndarray, q: Rows, shift: float, a: float, t: Vector, x: np.ndarray
-) -> None:
-    """Write one coordinate: x' = shift + a y + t · q."""
-    t0, t1, t2 = t
-    q0, q1, q2 = q
-    for i in range(len(x)):
-        x[i] = shift + (a * y[i] + (t0 * q0[i] + t1 * q1[i] + t2 * q2[i]))
-
-
-@helper
-def write_velocities(
-    y: Rows, u: np.ndarray, q: Rows, drift: float, b: float, m: Vector, g: Vector, v: np.ndarray
-) -> None:
-    """Write one coordinate: v' = drift + m · y + b u + g · q."""
-    m0, m1, m2 = m
-    g0, g1, g2 = g
-    q0, q1, q2 = q
-    y0, y1, y2 = y
-    for i in range(len(v)):
-        linear = m0 * y0[i] + m1 * y1[i] + m2 * y2[i]
-        v[i] = drift + (linear + b * u[i]) + (g0 * q0[i] + g1 * q1[i] + g2 * q2[i])
-
-
-@helper
-def add_products(q: Rows, t: np.ndarray, axis: int, field: np.ndarray) -> None:
-    """Add the quadratic terms of a transform (9, 3) to one coordinate."""
-    t0, t1, t2 = t[3, axis], t[4, axis], t[5, axis]
-    t3, t4, t5 = t[6, axis], t[7, axis], t[8, axis]
-    q0, q1, q2 = q
-    for i in range(len(field)):
-        p, r, s = q0[i], q1[i], q2[i]
-        field[i] += p * (t0 * p + t3 * r + t5 * s) + (r * (t1 * r + t4 * s) + s * (t2 * s))
-
-
-@helper
-def add_multiples(p: Rows, e: Vector, field: np.ndarray) -> None:
-    """Add e · p to one coordinate."""
-    p0, p1, p2 = p
-    e0, e1, e2 = e
-    for i in range(len(field)):
-        field[i] += e0 * p0[i] + e1 * p1[i] + e2 * p2[i]
-
-
-@helper
 def write(
     x: np.ndarray,
     v: np.ndarray,
@@ -467,38 +422,35 @@ def write(
     region_goals: np.ndarray,
     new_x: np.ndarray,
     new_v: np.ndarray,
-    tile: np.ndarray,
 ) -> None:
-    """Write the particles after the tick, tile by tile; possibly in place."""
-    shift, drift = mapping.shift, mapping.drift
+    """Write the particles after the tick; possibly in place."""
+    shift, drift, a, b, m = mapping.shift, mapping.drift, mapping.a, mapping.b, mapping.m
+    linear_t, linear_g = linear_block(t), linear_block(g)
+    square_t = mixed_t = square_g = mixed_g = NO_MATRIX
+    is_quadratic, has_regions = len(t) > LINEAR, body['regions'] > 0
+    if is_quadratic:
+        square_t, mixed_t = linear_block(t[3:]), linear_block(t[6:])
+        square_g, mixed_g = linear_block(g[3:]), linear_block(g[6:])
     for f in range(LINEAR, len(t)):
         shift = along(shift, -shape['feature_means'][f], vector_of(t[f]))
         drift = along(drift, -shape['feature_means'][f], vector_of(g[f]))
-    rest = shape['first'] - body['first']
-    end = body['first'] + body['count']
-    for start in range(body['first'], end, TILE):
-        stop = min(start + TILE, end)
-        u, y = rows(v, start, stop), rows(tile, 0, stop - start)
-        features = rows(q, rest + start, rest + stop)
-        predict(rows(x, start, stop), u, offset, h, y)
-        to_x, to_v = rows(new_x, start, stop), rows(new_v, start, stop)
-        for axis in range(3):
-            of_t = (t[0, axis], t[1, axis], t[2, axis])
-            of_g = (g[0, axis], g[1, axis], g[2, axis])
-            write_positions(y[axis], features, shift[axis], mapping.a, of_t, to_x[axis])
-            write_velocities(
-                y, u[axis], features, drift[axis], mapping.b, mapping.m[axis], of_g, to_v[axis]
-            )
-            if len(t) > LINEAR:
-                add_products(features, t, axis, to_x[axis])
-                add_products(features, g, axis, to_v[axis])
-        if body['regions']:
-            p = rows(region_goals, start, stop)
-            add_multiples(p, (mapping.c, 0.0, 0.0), to_x[0])
-            add_multiples(p, (0.0, mapping.c, 0.0), to_x[1])
-            add_multiples(p, (0.0, 0.0, mapping.c), to_x[2])
-            for axis in range(3):
-                add_multiples(p, mapping.e[axis], to_v[axis])
+    first, rest = body['first'], shape['first'] - body['first']
+    end = first + body['count']
+    for i in range(first, end, LANES):
+        left = end - i
+        u, point = vectors_at(v, i, left), vectors_at(q, rest + i, left)
+        y = predict(x, v, i, left, offset, h)
+        to_x = plus(along(shift, a, y), applied(linear_t, point))
+        to_v = plus(along(plus(drift, applied(m, y)), b, u), applied(linear_g, point))
+        if is_quadratic:
+            square, mixed = squares(point), mixed_products(point)
+            to_x = plus(to_x, plus(applied(square_t, square), applied(mixed_t, mixed)))
+            to_v = plus(to_v, plus(applied(square_g, square), applied(mixed_g, mixed)))
+        if has_regions:
+            p = vectors_at(region_goals, i, left)
+            to_x, to_v = along(to_x, mapping.c, p), plus(to_v, applied(mapping.e, p))
+        put_vectors(new_x, i, left, to_x)
+        put_vectors(new_v, i, left, to_v)
 
 
 @helper

@@ -36,11 +36,9 @@ from softbody_ros.core.shape_matching.matching import (
     fill,
     fit,
     linear_block,
+    mixed_products,
     move_to_rest_volume,
-)
-from softbody_ros.core.shape_matching.moments import (
-    FIRST_FACTOR,
-    SECOND_FACTOR,
+    squares,
 )
 from softbody_ros.core.shape_matching.plasticity import elastic_of, flowed, undeformed_of
 from softbody_ros.core.shape_matching.regions import (
@@ -221,9 +219,10 @@ def goal_of(
     for f in range(LINEAR):
         result = along(result, rest_q[f], vector_of(goal[1 + f]))
     if body['mode'] > 1:
-        for f in range(LINEAR, 9):
-            value = rest_q[FIRST_FACTOR[f - 3]] * rest_q[SECOND_FACTOR[f - 3]] - means[f]
-            result = along(result, value, vector_of(goal[1 + f]))
+        square, mixed = squares(rest_q), mixed_products(rest_q)
+        for k in range(3):
+            result = along(result, square[k] - means[3 + k], vector_of(goal[4 + k]))
+            result = along(result, mixed[k] - means[6 + k], vector_of(goal[7 + k]))
     if body['regions']:
         result = along(result, 1.0 - body['whole_body_weight'], column_of(region_goals, i))
     return result

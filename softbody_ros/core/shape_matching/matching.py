@@ -15,7 +15,14 @@ import math
 import numpy as np
 
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.geometry.vectors import Matrix, cross, determinant, square, vector_of
+from softbody_ros.core.geometry.vectors import (
+    Matrix,
+    Vector,
+    cross,
+    determinant,
+    square,
+    vector_of,
+)
 
 LINEAR = 3
 LEAST_CONDITIONING = 0.3, 0.15
@@ -30,6 +37,19 @@ VOLUME_STEPS = 2
 """Newton steps, each of which squares the error of the volume."""
 LEAST_SLOPE = 1e-3
 """Squared volume gradient below which it gives no direction."""
+
+
+# --------------------------------------------------------------------------------------- features
+@helper
+def squares(q: Vector) -> Vector:
+    """Return the features 3 … 5 of a point q, without their means."""
+    return (q[0] * q[0], q[1] * q[1], q[2] * q[2])
+
+
+@helper
+def mixed_products(q: Vector) -> Vector:
+    """Return the features 6 … 8 of a point q, without their means."""
+    return (q[0] * q[1], q[1] * q[2], q[2] * q[0])
 
 
 # ------------------------------------------------------------------------------------- transforms

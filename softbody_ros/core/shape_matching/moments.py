@@ -20,6 +20,7 @@ from softbody_ros.core.geometry.vectors import (
     Matrix,
     Vector,
     added,
+    along,
     column_of,
     combined,
     cross,
@@ -28,10 +29,16 @@ from softbody_ros.core.geometry.vectors import (
     plus,
     scaled,
 )
-from softbody_ros.core.shape_matching.matching import (
-    LINEAR,
-    fill,
+from softbody_ros.core.lanes import (
+    LANES,
+    LaneVector,
+    no_vectors,
+    put_vectors,
+    totals,
+    vectors_at,
+    weights_at,
 )
+from softbody_ros.core.shape_matching.matching import LINEAR, fill, mixed_products, squares
 
 TILE = 512
 """Particles per block, for several passes within the L1 cache."""
@@ -39,9 +46,16 @@ SAMPLES = 100
 """Approximate number of particles in the mean that serves as origin of a body."""
 LARGEST_MOMENT = 1e100
 """Moment above which squares may overflow."""
-FIRST_FACTOR, SECOND_FACTOR = (0, 1, 2, 0, 1, 2), (0, 1, 2, 1, 2, 0)
-"""The features after q are products of two coordinates."""
-Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+SQUARES, MIXED = 1, 2
+"""Blocks of three features, after that of q, see `squares` and `mixed_products`."""
+
+
+class Tile(NamedTuple):
+    """Particles start … stop − 1 of the world, those from rest + start on of the rest shapes."""
+
+    start: int
+    stop: int
+    rest: int
 
 
 class Sums(NamedTuple):
@@ -63,12 +77,6 @@ class RegionSums(NamedTuple):
 
 
 @helper
-def rows(field: np.ndarray, start: int, stop: int) -> Rows:
-    """Return a slice of a field (3, n) as contiguous rows, for which LLVM vectorises loops."""
-    return field[0, start:stop], field[1, start:stop], field[2, start:stop]
-
-
-@helper
 def sample_mean(x: np.ndarray, body: np.void) -> Vector:
     """Return an approximate centre of a body, m, as the origin of sums, for precision."""
     total, count = ZERO, 0
@@ -79,84 +87,84 @@ def sample_mean(x: np.ndarray, body: np.void) -> Vector:
 
 
 @helper
-def predict_row(x: np.ndarray, v: np.ndarray, offset: float, h: float, y: np.ndarray) -> None:
-    """Write y = x + offset + h v."""
-    for i in range(len(x)):
-        y[i] = x[i] + offset + h * v[i]
-
-
-@helper
-def predict(x: Rows, v: Rows, offset: Vector, h: float, y: Rows) -> None:
-    """Write the predicted positions x + h v + h² g / 2, relative to a point."""
-    predict_row(x[0], v[0], offset[0], h, y[0])
-    predict_row(x[1], v[1], offset[1], h, y[1])
-    predict_row(x[2], v[2], offset[2], h, y[2])
+def predict(
+    x: np.ndarray, v: np.ndarray, i: int, left: int, offset: Vector, h: float
+) -> LaneVector:
+    """Return the predicted positions x + h v + h² g / 2 of particles i … i + 3, from an origin."""
+    return along(plus(vectors_at(x, i, left), offset), h, vectors_at(v, i, left))
 
 
 @helper
 def store_predicted(
-    x: np.ndarray, v: np.ndarray, body: np.void, offset: Vector, h: float, y: np.ndarray
+    x: np.ndarray,
+    v: np.ndarray,
+    start: int,
+    stop: int,
+    offset: Vector,
+    h: float,
+    y: np.ndarray,
+    y_start: int,
 ) -> None:
-    """Write the predicted positions of a whole body."""
-    first, last = body['first'], body['first'] + body['count']
-    predict(rows(x, first, last), rows(v, first, last), offset, h, rows(y, first, last))
+    """Write predicted positions of particles to columns of y that begin elsewhere."""
+    for i in range(start, stop, LANES):
+        left = stop - i
+        put_vectors(y, y_start - start + i, left, predict(x, v, i, left, offset, h))
 
 
 @helper
-def feature_row(q: Rows, f: int, scratch: np.ndarray) -> np.ndarray:
-    """Return coordinate f of the rest shape, or write a product of two; means not subtracted."""
-    if f == 0:
-        return q[0]
-    if f == 1:
-        return q[1]
-    if f == 2:
-        return q[2]
-    a, b = q[FIRST_FACTOR[f - 3]], q[SECOND_FACTOR[f - 3]]
-    for i in range(len(a)):
-        scratch[i] = a[i] * b[i]
-    return scratch
-
-
-@helper
-def sums_of_tile(y: Rows, v: Rows, w: np.ndarray) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+def sums_of_tile(
+    tile: Tile, y: np.ndarray, to_y: int, v: np.ndarray, w: np.ndarray
+) -> tuple[Vector, Vector, Vector, Vector, Vector]:
     """Return Σ w y, Σ w v, the upper half of Σ w y yᵀ, and Σ w y × v."""
-    y0 = y1 = y2 = v0 = v1 = v2 = 0.0
-    a00 = a01 = a02 = a11 = a12 = a22 = l0 = l1 = l2 = 0.0
-    p0, p1, p2, u0, u1, u2 = y[0], y[1], y[2], v[0], v[1], v[2]
-    for i in range(len(w)):
-        m0, m1, m2 = w[i] * p0[i], w[i] * p1[i], w[i] * p2[i]
-        y0 += m0
-        y1 += m1
-        y2 += m2
-        v0 += w[i] * u0[i]
-        v1 += w[i] * u1[i]
-        v2 += w[i] * u2[i]
-        a00 += m0 * p0[i]
-        a01 += m0 * p1[i]
-        a02 += m0 * p2[i]
-        a11 += m1 * p1[i]
-        a12 += m1 * p2[i]
-        a22 += m2 * p2[i]
-        l0 += m1 * u2[i] - m2 * u1[i]
-        l1 += m2 * u0[i] - m0 * u2[i]
-        l2 += m0 * u1[i] - m1 * u0[i]
-    return (y0, y1, y2), (v0, v1, v2), (a00, a01, a02), (a11, a12, a22), (l0, l1, l2)
+    of_y = of_v = upper = lower = angular = no_vectors()
+    for i in range(tile.start, tile.stop, LANES):
+        left = tile.stop - i
+        m = weights_at(w, tile.rest + i, left)
+        p, u = vectors_at(y, to_y + i, left), vectors_at(v, i, left)
+        weighted = scaled(m, p)
+        of_y, of_v = plus(of_y, weighted), along(of_v, m, u)
+        upper = along(upper, weighted[0], p)
+        lower = plus(lower, (weighted[1] * p[1], weighted[1] * p[2], weighted[2] * p[2]))
+        angular = plus(angular, cross(weighted, u))
+    return totals(of_y), totals(of_v), totals(upper), totals(lower), totals(angular)
 
 
 @helper
-def moments_of_tile(y: Rows, v: Rows, w: np.ndarray, f: np.ndarray) -> tuple[Vector, Vector]:
-    """Return Σ w f y and Σ w f v of one feature."""
-    y0 = y1 = y2 = v0 = v1 = v2 = 0.0
-    p0, p1, p2, u0, u1, u2 = y[0], y[1], y[2], v[0], v[1], v[2]
-    for i in range(len(w)):
-        m = w[i] * f[i]
-        y0 += m * p0[i]
-        y1 += m * p1[i]
-        y2 += m * p2[i]
-        v0 += m * u0[i]
-        v1 += m * u1[i]
-        v2 += m * u2[i]
-    return (y0, y1, y2), (v0, v1, v2)
+def features_at(q: np.ndarray, block: int, i: int, left: int) -> LaneVector:
+    """Return q, its squares or its mixed products, of which no means are subtracted."""
+    f = vectors_at(q, i, left)
+    if block == SQUARES:
+        return squares(f)
+    if block == MIXED:
+        return mixed_products(f)
+    return f
+
+
+@helper
+def moments_of_tile(
+    tile: Tile, a: np.ndarray, to_a: int, w: np.ndarray, q: np.ndarray, block: int
+) -> Matrix:
+    """Return Σ w f aᵀ of three features f and a field a."""
+    first = second = third = no_vectors()
+    for i in range(tile.start, tile.stop, LANES):
+        left = tile.stop - i
+        m, f = weights_at(w, tile.rest + i, left), features_at(q, block, tile.rest + i, left)
+        weighted = scaled(m, vectors_at(a, to_a + i, left))
+        first = along(first, f[0], weighted)
+        second = along(second, f[1], weighted)
+        third = along(third, f[2], weighted)
+    return totals(first), totals(second), totals(third)
+
+
+@helper
+def add_moments(
+    tile: Tile, a: np.ndarray, to_a: int, w: np.ndarray, q: np.ndarray, moments: np.ndarray
+) -> None:
+    """Add the moments Σ w f a of a tile to those of all features (F, 3)."""
+    for block in range(len(moments) // 3):
+        of_block = moments_of_tile(tile, a, to_a, w, q, block)
+        for k in range(3):
+            add_row(moments, 3 * block + k, of_block[k])
 
 
 @helper
@@ -196,7 +204,7 @@ def particle_sums(
     h: float,
     yf: np.ndarray,
     vf: np.ndarray,
-    tile: np.ndarray,
+    y: np.ndarray,
 ) -> Sums:
     """
     Return the sums over all particles, at y = x + offset + h v, tile by tile in a fixed order.
@@ -206,20 +214,15 @@ def particle_sums(
     mean_y, mean_v, yxv, upper, lower = ZERO, ZERO, ZERO, ZERO, ZERO
     fill(yf, 0.0)
     fill(vf, 0.0)
-    rest = shape['first'] - body['first']
     end = body['first'] + body['count']
     for start in range(body['first'], end, TILE):
-        stop = min(start + TILE, end)
-        u, y = rows(v, start, stop), rows(tile, 0, stop - start)
-        w, rest_q = weights[rest + start : rest + stop], rows(q, rest + start, rest + stop)
-        predict(rows(x, start, stop), u, offset, h, y)
-        of_y, of_v, first_half, second_half, angular = sums_of_tile(y, u, w)
+        tile = Tile(start, min(start + TILE, end), shape['first'] - body['first'])
+        store_predicted(x, v, start, tile.stop, offset, h, y, 0)
+        of_y, of_v, first_half, second_half, angular = sums_of_tile(tile, y, -start, v, weights)
         mean_y, mean_v, yxv = plus(mean_y, of_y), plus(mean_v, of_v), plus(yxv, angular)
         upper, lower = plus(upper, first_half), plus(lower, second_half)
-        for f in range(len(yf)):
-            of_y, of_v = moments_of_tile(y, u, w, feature_row(rest_q, f, tile[3, : stop - start]))
-            add_row(yf, f, of_y)
-            add_row(vf, f, of_v)
+        add_moments(tile, y, -start, weights, q, yf)
+        add_moments(tile, v, 0, weights, q, vf)
     subtract_means(yf, shape, mean_y)
     subtract_means(vf, shape, mean_v)
     return Sums(mean_y, mean_v, symmetric(upper, lower), yxv)
@@ -246,31 +249,22 @@ def region_sums(
     h: float,
     region_goals: np.ndarray,
     pf: np.ndarray,
-    tile: np.ndarray,
+    y: np.ndarray,
 ) -> RegionSums:
     """Return the sums with the goals by regions; Σ w f p is written as pf (F, 3)."""
     mean, pxv = ZERO, ZERO
     pp, py = NO_MATRIX, NO_MATRIX
     velocity, y_mean = ZERO, ZERO
-    rest = shape['first'] - body['first']
     end = body['first'] + body['count']
     for start in range(body['first'], end, TILE):
-        stop = min(start + TILE, end)
-        u, y, p = (
-            rows(v, start, stop),
-            rows(tile, 0, stop - start),
-            rows(region_goals, start, stop),
-        )
-        w, rest_q = weights[rest + start : rest + stop], rows(q, rest + start, rest + stop)
-        predict(rows(x, start, stop), u, offset, h, y)
-        of_p, of_v, upper, lower, angular = sums_of_tile(p, u, w)
+        tile = Tile(start, min(start + TILE, end), shape['first'] - body['first'])
+        store_predicted(x, v, start, tile.stop, offset, h, y, 0)
+        of_p, of_v, upper, lower, angular = sums_of_tile(tile, region_goals, 0, v, weights)
         mean, velocity, pxv = plus(mean, of_p), plus(velocity, of_v), plus(pxv, angular)
         pp = added(pp, symmetric(upper, lower))
-        mixed, of_y = products_of_tile(p, y, w)
+        mixed, of_y = products_of_tile(tile, region_goals, y, weights)
         py, y_mean = added(py, mixed), plus(y_mean, of_y)
-        for f in range(len(pf)):
-            of_p, _ = moments_of_tile(p, u, w, feature_row(rest_q, f, tile[3, : stop - start]))
-            add_row(pf, f, of_p)
+        add_moments(tile, region_goals, 0, weights, q, pf)
     subtract_means(pf, shape, mean)
     pp = combined(1.0, pp, -1.0, outer(mean, mean))
     py = combined(1.0, py, -1.0, outer(mean, y_mean))
@@ -278,22 +272,17 @@ def region_sums(
 
 
 @helper
-def products_of_tile(p: Rows, y: Rows, w: np.ndarray) -> tuple[Matrix, Vector]:
-    """Return Σ w p yᵀ and Σ w y."""
-    a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = y0 = y1 = y2 = 0.0
-    p0, p1, p2, q0, q1, q2 = p[0], p[1], p[2], y[0], y[1], y[2]
-    for i in range(len(w)):
-        m0, m1, m2 = w[i] * q0[i], w[i] * q1[i], w[i] * q2[i]
-        y0 += m0
-        y1 += m1
-        y2 += m2
-        a00 += p0[i] * m0
-        a01 += p0[i] * m1
-        a02 += p0[i] * m2
-        a10 += p1[i] * m0
-        a11 += p1[i] * m1
-        a12 += p1[i] * m2
-        a20 += p2[i] * m0
-        a21 += p2[i] * m1
-        a22 += p2[i] * m2
-    return ((a00, a01, a02), (a10, a11, a12), (a20, a21, a22)), (y0, y1, y2)
+def products_of_tile(
+    tile: Tile, p: np.ndarray, y: np.ndarray, w: np.ndarray
+) -> tuple[Matrix, Vector]:
+    """Return Σ w p yᵀ and Σ w y, with y in the tile."""
+    first = second = third = of_y = no_vectors()
+    for i in range(tile.start, tile.stop, LANES):
+        left = tile.stop - i
+        weighted = scaled(weights_at(w, tile.rest + i, left), vectors_at(y, i - tile.start, left))
+        goal = vectors_at(p, i, left)
+        of_y = plus(of_y, weighted)
+        first = along(first, goal[0], weighted)
+        second = along(second, goal[1], weighted)
+        third = along(third, goal[2], weighted)
+    return (totals(first), totals(second), totals(third)), totals(of_y)
