@@ -62,9 +62,15 @@ from softbody_ros.core.geometry.vectors import (
     transposed,
     vector_of,
 )
+from softbody_ros.core.lanes import (
+    LANES,
+    no_vectors,
+    put_vectors,
+    totals,
+    vectors_at,
+    weights_at,
+)
 from softbody_ros.core.shape_matching.flight import (
-    add_multiples,
-    add_products,
     scale_transform,
     summed_cross,
     summed_outer,
@@ -78,20 +84,18 @@ from softbody_ros.core.shape_matching.matching import (
     fill,
     fit,
     linear_block,
+    mixed_products,
     move_to_rest_volume,
     multiply,
     scalar_product,
+    squares,
 )
 from softbody_ros.core.shape_matching.moments import (
-    FIRST_FACTOR,
-    SECOND_FACTOR,
     TILE,
-    Rows,
     is_finite,
     particle_sums,
-    predict,
-    rows,
     sample_mean,
+    symmetric,
 )
 from softbody_ros.core.shape_matching.plasticity import elastic_of, undeformed_of
 from softbody_ros.core.shape_matching.polar_decomposition import rotation_of
@@ -165,7 +169,7 @@ def fly(
         0, or 1 + the index of a body with positions or velocities that are not finite
 
     """
-    linear, quadratic, tile = np.empty((10, 3, 3)), np.empty((10, 9, 3)), np.empty((4, TILE))
+    linear, quadratic, tile = np.empty((10, 3, 3)), np.empty((10, 9, 3)), np.empty((3, TILE))
     g = vector_of(gravity)
     for index in range(len(awake)):
         body = bodies[awake[index]]
@@ -179,13 +183,13 @@ def fly(
         total = particle_sums(x0, v0, body, shape, weights, q, offset, 0.0, moment, of_v, tile)
         if not (is_finite(total.y, moment) and is_finite(total.v, of_v)):
             return 1 + awake[index]
+        centre = plus(origin, total.y)
         rr = combined(1.0, total.yy, -1.0, outer(total.y, total.y))
         second = Second(rr, NO_MATRIX, NO_MATRIX)
         spin = minus(total.yxv, cross(total.y, total.v))
         if body['mode'] != RIGID:
-            second = second_moments(x0, v0, body, shape, weights, offset, total.y, total.v, rr)
+            second = second_moments(x0, v0, body, shape, weights, centre, total.v, rr)
             spin = axial(second.rv)
-        centre = plus(origin, total.y)
         put_vector(body['origin'], origin)
         put_vector(body['start_centre'], centre)
         put_vector(match_centre[body['first_match']], centre)
@@ -195,7 +199,7 @@ def fly(
         )
         if not is_finite(acceleration, scratch[0]):
             return 1 + awake[index]
-        write(x0, v0, body, shape, q, x[1 - now], v[1 - now], tile)
+        write(x0, v0, body, shape, q, x[1 - now], v[1 - now])
         for row in range(2):
             put_vector(body['received'][row], ZERO)
         put_vector(body['load'], ZERO)
@@ -204,73 +208,36 @@ def fly(
 
 # ------------------------------------------------------------------------------------------- sums
 @helper
-def second_of_tile(
-    r: Rows, v: Rows, w: np.ndarray, mean_r: Vector, mean_v: Vector
-) -> tuple[Matrix, Vector, Vector]:
-    """Return Σ w r vᵀ and the upper half of Σ w v vᵀ, of differences from the means."""
-    a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = 0.0
-    b00 = b01 = b02 = b11 = b12 = b22 = 0.0
-    c0, c1, c2 = mean_r
-    d0, d1, d2 = mean_v
-    r0, r1, r2, v0, v1, v2 = r[0], r[1], r[2], v[0], v[1], v[2]
-    for i in range(len(w)):
-        u0, u1, u2 = v0[i] - d0, v1[i] - d1, v2[i] - d2
-        m0, m1, m2 = w[i] * (r0[i] - c0), w[i] * (r1[i] - c1), w[i] * (r2[i] - c2)
-        a00 += m0 * u0
-        a01 += m0 * u1
-        a02 += m0 * u2
-        a10 += m1 * u0
-        a11 += m1 * u1
-        a12 += m1 * u2
-        a20 += m2 * u0
-        a21 += m2 * u1
-        a22 += m2 * u2
-        m0, m1, m2 = w[i] * u0, w[i] * u1, w[i] * u2
-        b00 += m0 * u0
-        b01 += m0 * u1
-        b02 += m0 * u2
-        b11 += m1 * u1
-        b12 += m1 * u2
-        b22 += m2 * u2
-    return (
-        ((a00, a01, a02), (a10, a11, a12), (a20, a21, a22)),
-        (b00, b01, b02),
-        (b11, b12, b22),
-    )
-
-
-@helper
 def second_moments(
     x: np.ndarray,
     v: np.ndarray,
     body: np.void,
     shape: np.void,
     weights: np.ndarray,
-    offset: Vector,
-    mean_x: Vector,
-    mean_v: Vector,
+    centre: Vector,
+    velocity: Vector,
     rr: Matrix,
 ) -> Second:
-    """Return the second moments of a body, tile by tile in a fixed order."""
-    rv, upper, lower = NO_MATRIX, ZERO, ZERO
-    rest = shape['first'] - body['first']
-    end = body['first'] + body['count']
-    # x is near its origin: what is subtracted has no digits of its own to lose
-    mean = minus(mean_x, offset)
-    for start in range(body['first'], end, TILE):
-        stop = min(start + TILE, end)
-        own = weights[rest + start : rest + stop]
-        mixed, first_half, second_half = second_of_tile(
-            rows(x, start, stop), rows(v, start, stop), own, mean, mean_v
-        )
-        rv = added(rv, mixed)
-        upper, lower = plus(upper, first_half), plus(lower, second_half)
-    vv = (
-        (upper[0], upper[1], upper[2]),
-        (upper[1], lower[0], lower[1]),
-        (upper[2], lower[1], lower[2]),
+    """Return the second moments of a body, in a fixed order."""
+    first = second = third = upper = lower = no_vectors()
+    begin, rest = body['first'], shape['first'] - body['first']
+    end = begin + body['count']
+    for i in range(begin, end, LANES):
+        left = end - i
+        w = weights_at(weights, rest + i, left)
+        weighted = scaled(w, minus(vectors_at(x, i, left), centre))
+        u = minus(vectors_at(v, i, left), velocity)
+        first = along(first, weighted[0], u)
+        second = along(second, weighted[1], u)
+        third = along(third, weighted[2], u)
+        weighted = scaled(w, u)
+        upper = along(upper, weighted[0], u)
+        lower = plus(lower, (weighted[1] * u[1], weighted[1] * u[2], weighted[2] * u[2]))
+    return Second(
+        rr,
+        (totals(first), totals(second), totals(third)),
+        symmetric(totals(upper), totals(lower)),
     )
-    return Second(rr, rv, vv)
 
 
 # ------------------------------------------------------------------------------------------ match
@@ -710,20 +677,6 @@ def rotation_by(a: Vector) -> Matrix:
 
 # ------------------------------------------------------------------------------------------ write
 @helper
-def write_linear(
-    y: Rows, q: Rows, shift: float, of_y: Vector, of_q: Vector, field: np.ndarray
-) -> None:
-    """Write one coordinate: shift + a · y + t · q."""
-    a0, a1, a2 = of_y
-    t0, t1, t2 = of_q
-    y0, y1, y2 = y
-    q0, q1, q2 = q
-    for i in range(len(field)):
-        linear = a0 * y0[i] + a1 * y1[i] + a2 * y2[i]
-        field[i] = shift + (linear + (t0 * q0[i] + t1 * q1[i] + t2 * q2[i]))
-
-
-@helper
 def write(
     x: np.ndarray,
     v: np.ndarray,
@@ -732,30 +685,35 @@ def write(
     q: np.ndarray,
     new_x: np.ndarray,
     new_v: np.ndarray,
-    tile: np.ndarray,
 ) -> None:
-    """Write the particles after the tick by the map of a body, tile by tile."""
-    features = LINEAR if body['mode'] < 2 else 9
-    offset = scaled(-1.0, vector_of(body['origin']))
-    rest = shape['first'] - body['first']
-    end = body['first'] + body['count']
-    for start in range(body['first'], end, TILE):
-        stop = min(start + TILE, end)
-        u, y = rows(v, start, stop), rows(tile, 0, stop - start)
-        rest_q = rows(q, rest + start, rest + stop)
-        predict(rows(x, start, stop), u, offset, 0.0, y)
-        for kind in range(2):
-            of = body['map'][kind]
-            target = rows(new_x, start, stop) if kind == 0 else rows(new_v, start, stop)
-            shift = vector_of(of[0])
-            for f in range(LINEAR, features):
-                shift = along(shift, -shape['feature_means'][f], vector_of(of[7 + f]))
-            for axis in range(3):
-                of_q = (of[7, axis], of[8, axis], of[9, axis])
-                write_linear(y, rest_q, shift[axis], vector_of(of[1 + axis]), of_q, target[axis])
-                add_multiples(u, vector_of(of[4 + axis]), target[axis])
-                if features > LINEAR:
-                    add_products(rest_q, of[7:], axis, target[axis])
+    """Write the particles after the tick by the map of a body."""
+    of_x, of_v = body['map'][0], body['map'][1]
+    shift, drift = vector_of(of_x[0]), vector_of(of_v[0])
+    x_of_y, x_of_u, x_of_q = matrix_of(of_x[1:4]), matrix_of(of_x[4:7]), linear_block(of_x[7:])
+    v_of_y, v_of_u, v_of_q = matrix_of(of_v[1:4]), matrix_of(of_v[4:7]), linear_block(of_v[7:])
+    square_x, square_v = linear_block(of_x[10:]), linear_block(of_v[10:])
+    mixed_x, mixed_v = linear_block(of_x[13:]), linear_block(of_v[13:])
+    is_soft, is_quadratic = body['mode'] != RIGID, body['mode'] > 1
+    if is_quadratic:
+        for f in range(LINEAR, 9):
+            shift = along(shift, -shape['feature_means'][f], vector_of(of_x[7 + f]))
+            drift = along(drift, -shape['feature_means'][f], vector_of(of_v[7 + f]))
+    first, rest = body['first'], shape['first'] - body['first']
+    end, origin = first + body['count'], vector_of(body['origin'])
+    for i in range(first, end, LANES):
+        left = end - i
+        point = vectors_at(q, rest + i, left)
+        to_x, to_v = plus(shift, applied(x_of_q, point)), plus(drift, applied(v_of_q, point))
+        if is_soft:
+            y, u = minus(vectors_at(x, i, left), origin), vectors_at(v, i, left)
+            to_x = plus(to_x, plus(applied(x_of_y, y), applied(x_of_u, u)))
+            to_v = plus(to_v, plus(applied(v_of_y, y), applied(v_of_u, u)))
+        if is_quadratic:
+            square, mixed = squares(point), mixed_products(point)
+            to_x = plus(to_x, plus(applied(square_x, square), applied(mixed_x, mixed)))
+            to_v = plus(to_v, plus(applied(square_v, square), applied(mixed_v, mixed)))
+        put_vectors(new_x, i, left, to_x)
+        put_vectors(new_v, i, left, to_v)
 
 
 # ------------------------------------------------------------------------------- single particles
@@ -775,12 +733,12 @@ def mapped(
     result = plus(result, applied(matrix_of(of[1:4]), y))
     result = plus(result, applied(matrix_of(of[4:7]), u))
     rest_q, means = column_of(q, shape['first'] + i - body['first']), shape['feature_means']
-    for f in range(LINEAR):
-        result = along(result, rest_q[f], vector_of(of[7 + f]))
+    result = plus(result, applied(linear_block(of[7:]), rest_q))
     if body['mode'] > 1:
-        for f in range(LINEAR, 9):
-            value = rest_q[FIRST_FACTOR[f - 3]] * rest_q[SECOND_FACTOR[f - 3]] - means[f]
-            result = along(result, value, vector_of(of[7 + f]))
+        square = minus(squares(rest_q), vector_of(means[3:]))
+        mixed = minus(mixed_products(rest_q), vector_of(means[6:]))
+        result = plus(result, applied(linear_block(of[10:]), square))
+        result = plus(result, applied(linear_block(of[13:]), mixed))
     return result
 
 
@@ -851,11 +809,10 @@ def whitened_features(
         for k in range(LINEAR):
             psi[k] = dot(vector_of(shape['whitening_linear'][k]), rest_q)
         return LINEAR
+    square = minus(squares(rest_q), vector_of(means[3:]))
+    mixed = minus(mixed_products(rest_q), vector_of(means[6:]))
     for k in range(9):
         row = shape['whitening_quadratic'][k]
-        total = dot(vector_of(row), rest_q)
-        for f in range(LINEAR, 9):
-            value = rest_q[FIRST_FACTOR[f - 3]] * rest_q[SECOND_FACTOR[f - 3]] - means[f]
-            total += row[f] * value
-        psi[k] = total
+        psi[k] = dot(vector_of(row), rest_q) + dot(vector_of(row[3:]), square)
+        psi[k] += dot(vector_of(row[6:]), mixed)
     return 9
