@@ -8,6 +8,7 @@ Bodies are so small that most of it also runs as plain Python, with NUMBA_DISABL
 
 import itertools
 
+from compiled_code import vector_instructions
 from core_helpers import (
     body,
     cad_mesh,
@@ -24,6 +25,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import Surface, make_surface
+from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
 from softbody_ros.core.geometry.vectors import put_column, put_matrix, vector_of
 from softbody_ros.core.shape_matching import modal_flight
@@ -39,7 +41,7 @@ from softbody_ros.core.shape_matching.gains import (
     put_modal_gains,
 )
 from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
-from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
+from softbody_ros.core.shape_matching.rest_shape import SHAPE, make_rest_shape
 from softbody_ros.core.state import Body, State
 from softbody_ros.core.step import accept
 
@@ -691,7 +693,7 @@ def test_a_force_that_balances_a_deformed_state_holds_it_at_any_step(mode, volum
     W = rest.whitening_linear if mode == 'linear' else rest.whitening_quadratic
     psi = W @ m.f
     Y = (psi * m.w) @ (m.r - (m.undeformed @ m.f).T)
-    a = record['volume_direction'][: len(psi)]
+    a = W @ record['volume_moment'][: len(psi)]
     assert np.sum(a * a) == pytest.approx(1.0, rel=1e-9)
     lacking = record['volume_share'] * m.product(m.volume_direction(), m.kept - m.undeformed)
     lacking *= np.sign(np.sum(a * ((psi * m.w) @ (m.kept @ m.f).T - (psi * m.w) @ m.r)))
@@ -914,6 +916,12 @@ def all_after(body, shape, q, x, v, result):
         put_column(result[2], k, modal_flight.start_position(body, x, i))
 
 
+@kernel
+def whiten_both(body, shape, result):
+    modal_flight.whiten(body, shape, body['shape_moment'], result[0])
+    modal_flight.whiten(body, shape, body['volume_moment'], result[1])
+
+
 @pytest.mark.parametrize('mode', MODES)
 def test_the_record_says_where_particles_are_and_how_the_body_responds(mode):
     flights = Flights(body(pebble()), body(pebble(), mode=mode, damping=0.1), gravity=GRAVITY)
@@ -946,14 +954,18 @@ def test_the_record_says_where_particles_are_and_how_the_body_responds(mode):
     )
     W = m.rest.whitening_quadratic if mode == 'quadratic' else m.rest.whitening_linear
     psi = W @ m.f
+    moments = np.zeros((2, 9, 3))
+    whiten_both(record, shape, moments)
+    moments = moments[:, : len(psi)]
     assert record['shape_moment'][: len(psi)] == pytest.approx(
-        (psi * w) @ (m.r @ turn.T), abs=1e-12
+        (m.f * w) @ (m.r @ turn.T), abs=1e-12
     )
+    assert moments[0] == pytest.approx((psi * w) @ (m.r @ turn.T), abs=1e-12)
     if mode == 'rigid':
         assert not record['response'].any()
     else:
         assert np.array_equal(record['response'], record['responses'][0][:, 4:6])
-        a = record['volume_direction'][: len(psi)]
+        a = moments[1]
         way = (psi * w) @ ((m.kept - m.fit) @ m.f).T @ turn.T
         assert abs(np.sum(a * way)) == pytest.approx(np.linalg.norm(way), rel=1e-9)
         assert np.sum(a * a) == pytest.approx(1.0, rel=1e-9)
@@ -1016,3 +1028,44 @@ def test_a_wrench_that_is_not_finite_is_refused(mode, part):
     flights.state.bodies['wrench'][0, 0, part, 0] = np.inf
     with np.errstate(all='ignore'):
         assert flights.fly() == 1
+
+
+# --------------------------------------------------------------------------------------- the loops
+@kernel
+def sum_up(x, v, w, bodies, shapes, result):
+    zero = (0.0, 0.0, 0.0)
+    second = modal_flight.second_moments(
+        x, v, bodies[0], shapes[0], w, zero, zero, (zero, zero, zero)
+    )
+    put_matrix(result[0], second.rv)
+    put_matrix(result[1], second.vv)
+
+
+@kernel
+def write_down(x, v, q, bodies, shapes, new_x, new_v):
+    modal_flight.write(x, v, bodies[0], shapes[0], q, new_x, new_v)
+
+
+@pytest.mark.skipif(not is_compiled(), reason='plain Python has no instructions')
+def test_the_loops_over_particles_are_of_vector_instructions():
+    bodies, shapes, field = np.zeros(1, BODY), np.zeros(1, SHAPE), np.ones((3, 512))
+    bodies['count'] = 512
+    sum_up(field, field, np.ones(512), bodies, shapes, np.empty((2, 3, 3)))
+    # 6 differences, 6 products with weights, 15 products and sums
+    assert vector_instructions(sum_up) >= 42
+    write_down(field, field, field, bodies, shapes, field.copy(), field.copy())
+    # 6 of features, 18 products of matrices of 3 × 3, but for those that are fused
+    assert vector_instructions(write_down) >= 150
+
+
+@pytest.mark.parametrize('count', [1, 2, 3, 4, 5, 41])
+def test_second_moments_are_sums_over_all_particles_whatever_their_number(count):
+    random = np.random.default_rng(count)
+    x, v = random.normal(size=(2, 3, count + 2))
+    w, result = random.uniform(size=count + 3), np.empty((2, 3, 3))
+    bodies, shapes = np.zeros(1, BODY), np.zeros(1, SHAPE)
+    bodies['first'], bodies['count'], shapes['first'] = 1, count, 2
+    sum_up(x, v, w, bodies, shapes, result)
+    own, x, v = w[2 : 2 + count], x[:, 1 : 1 + count], v[:, 1 : 1 + count]
+    assert result[0] == pytest.approx((x * own) @ v.T, rel=1e-13, abs=1e-14)
+    assert result[1] == pytest.approx((v * own) @ v.T, rel=1e-13, abs=1e-14)

@@ -69,9 +69,10 @@ BODY = np.dtype(
         ('start_centre', np.float64, (3,)),  # of mass, m
         ('turn', np.float64, (3, 3)),  # E, the rotation in the tick
         ('start_inverse_inertia', np.float64, (3, 3)),  # of the start shape, turned; 1/m²
-        ('shape_moment', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w x̂ ψᵀ of it, m
+        ('shape_moment', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w f x̂ᵀ of it, m
+        # the same of the direction in which the volume changes, of size 1
+        ('volume_moment', np.float64, (QUADRATIC_FEATURES, 3)),
         ('response', np.float64, (3, 2)),  # Γ₁, s², and Γ₂, s, of each kind of modes
-        ('volume_direction', np.float64, (QUADRATIC_FEATURES, 3)),  # of whitened features
         # of positions and of velocities: shift; matrices on position and velocity at the start;
         # columns of the features
         ('map', np.float64, (2, 7 + QUADRATIC_FEATURES, 3)),

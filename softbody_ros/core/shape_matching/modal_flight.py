@@ -80,6 +80,7 @@ from softbody_ros.core.shape_matching.goals import flow
 from softbody_ros.core.shape_matching.matching import (
     LEAST_SLOPE,
     LINEAR,
+    copy,
     degeneracy_of,
     fill,
     fit,
@@ -105,13 +106,17 @@ from softbody_ros.core.shape_matching.rigid_motion import (
     put_motion,
 )
 
-TURN_STEPS = 3
-"""Fixed-point iterations of the midpoint rule for rotation."""
+TURN_STEPS, TURN_CONVERGED = 12, 1e-13
+"""Most fixed-point iterations of the midpoint rule for rotation, and the relative change of the
+angular velocity that ends them: unsolved, the rule loses energy of rotation."""
 SLOW_TURN = 1e-6
 """Square of the angular velocity, relative to the stiffness of followed modes, up to which the
 centrifugal acceleration is taken as constant in a tick."""
 LARGEST_TURN = 1e4
 """Angle of rotation in one tick beyond which it has no meaning, rad."""
+
+SERIES = tuple((1 / (2 * k * (2 * k + 1)), 1 / (2 * k * (2 * k - 1))) for k in range(8, 0, -1))
+"""Ratios of successive terms of the power series of sine and cosine, from the last one on."""
 
 Response = tuple[float, float, float, float, float, float, float]
 """Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂, Γ₃ of `gains.oscillator_response`."""
@@ -262,7 +267,8 @@ def match(
         see `fly`
     scratch : (10, F, 3) float
         the first is Σ w f r, m, and remains so; written: the third is the fit, the fourth the
-        nearest fit of the rest volume, the sixth the direction to it, dimensionless
+        nearest fit of the rest volume, the sixth the direction a to it with Σ w |a f|² = 1, the
+        eighth Σ w f (a f)ᵀ, dimensionless
 
     """
     row, now, is_plastic = body['first_match'], body['now'], body['is_plastic']
@@ -275,7 +281,7 @@ def match(
     body['degeneracy'] = 0.0
     if body['mode'] == RIGID:
         # no deformation to follow
-        for k in range(2, 6):
+        for k in range(2, 8):
             fill(scratch[k], 0.0)
         put_matrix(posture[row], undeformed)
         return undeformed
@@ -287,6 +293,14 @@ def match(
     body['degeneracy'] = degeneracy
     slope = max(scalar_product(scratch[4], scratch[5]), LEAST_SLOPE)
     scale_transform(scratch[5], 1.0 / math.sqrt(slope))
+    if len(moment) == LINEAR:
+        multiply(shape['gram'][:LINEAR, :LINEAR], scratch[5], scratch[7])
+    elif shape['spanned_quadratic']:
+        # the gradient itself
+        copy(scratch[4], scratch[7])
+        scale_transform(scratch[7], 1.0 / math.sqrt(slope))
+    else:
+        multiply(shape['gram'], scratch[5], scratch[7])
     put_matrix(posture[row], undeformed if degeneracy > 0.0 else linear_block(fitted))
     flow(body, stretch, row, elastic, degeneracy)
     return undeformed
@@ -408,8 +422,12 @@ def solve(
             axes = product(turn, posture)
             force = plus(vector_of(wrench[0, 0]), applied(axes, vector_of(wrench[1, 0])))
             torque = plus(vector_of(wrench[0, 1]), applied(axes, vector_of(wrench[1, 1])))
+        before = rate
         rate = applied_transposed(turn, along(spin, 0.5 * h, torque))
         rate = applied(turn, applied(middle, rate))
+        change = minus(rate, before)
+        if dot(change, change) <= TURN_CONVERGED * TURN_CONVERGED * dot(rate, rate):
+            break
     turn = rotation_by(scaled(h, rate))
     acceleration = plus(gravity, force)
 
@@ -449,7 +467,8 @@ def solve(
         put_vector(body['map'][0, 7 + f], applied(turn, image))
         image = applied(turn, plus(vector_of(of_s[f]), cross(rate, image)))
         put_vector(body['map'][1, 7 + f], image)
-    put_response_basis(body, shape, turn, scratch)
+        put_vector(body['shape_moment'][f], applied(turn, vector_of(of_r[f])))
+        put_vector(body['volume_moment'][f], applied(turn, vector_of(scratch[7, f])))
     for f in range(len(of_x)):
         put_vector(of_r[f], vector_of(body['map'][1, 7 + f]))
     return vector_of(body['map'][1, 0])
@@ -507,23 +526,14 @@ def advance_fit(
 
     """
     of_r, of_uf, fitted, of_x = scratch[0], scratch[1], scratch[2], scratch[3]
-    direction, of_u, dual, driven, change = (
-        scratch[5],
-        scratch[6],
-        scratch[7],
-        scratch[8],
-        scratch[9],
-    )
+    of_u, dual, driven, change = scratch[6], scratch[7], scratch[8], scratch[9]
     scale_transform(fitted, shape['scale'])
     if body['mode'] == RIGID:
         fill(of_u, 0.0)
-        fill(dual, 0.0)
     elif len(fitted) == LINEAR:
         multiply(shape['inverse_linear'], of_uf, of_u)
-        multiply(shape['gram'][:LINEAR, :LINEAR], direction, dual)
     else:
         multiply(shape['inverse_quadratic'], of_uf, of_u)
-        multiply(shape['gram'], direction, dual)
     target = shape['scale'] * scalar_product(dual, of_x)
     field = centrifugal_field(body, omega)
     for f in range(len(fitted)):
@@ -532,19 +542,25 @@ def advance_fit(
     turn_off(driven, fitted, applied(inverse, summed_cross(of_r, driven)))
     move_modes(body, undeformed, target, scratch)
     if dot(omega, omega) > SLOW_TURN * body['stiffnesses'][FOLLOWED]:
-        # again, with its change: constant, it would act half a tick too late
-        if len(fitted) == LINEAR:
-            multiply(shape['gram'][:LINEAR, :LINEAR], of_x, change)
-        else:
-            multiply(shape['gram'], of_x, change)
-        moved = combined(1.0, summed_outer(change, of_x), -1.0, summed_outer(of_r, fitted))
-        after = inverse_inertia_of(added(rr, moved), shape['scale'])
+        # again, with its change: constant, it would act half a tick too late. Of the second
+        # moments those with q, beside which the others are small
+        moved, torque = rr, ZERO
+        for f in range(LINEAR):
+            weighted = ZERO
+            for k in range(len(fitted)):
+                weighted = along(weighted, shape['gram'][f, k], vector_of(of_x[k]))
+            put_vector(change[f], weighted)
+            moved = added(moved, outer(weighted, vector_of(of_x[f])))
+            moved = combined(1.0, moved, -1.0, outer(vector_of(of_r[f]), vector_of(fitted[f])))
+        moved = combined(0.5, moved, 0.5, transposed(moved))
+        after = inverse_inertia_of(moved, shape['scale'])
         # in axes that turn with the body
         spin = applied_transposed(rotation_by(scaled(h, omega)), spin)
-        field, torque = centrifugal_field(body, applied(after, spin)), ZERO
+        field = centrifugal_field(body, applied(after, spin))
         for f in range(len(fitted)):
             weighted, at_end = vector_of(change[f]), applied(field, vector_of(of_x[f]))
-            torque = plus(torque, cross(weighted, at_end))
+            if f < LINEAR:
+                torque = plus(torque, cross(weighted, at_end))
             put_vector(change[f], at_end)
         turn_off(change, of_x, applied(after, torque))
         for f in range(len(fitted)):
@@ -624,24 +640,6 @@ def put_map(
 
 
 @helper
-def put_response_basis(body: np.void, shape: np.void, turn: Matrix, scratch: np.ndarray) -> None:
-    """Write Σ w x̂ ψᵀ of the turned start shape and the volume gradient, of whitened features."""
-    of_r, dual, whitened = scratch[0], scratch[7], scratch[6]
-    for kind in range(2):
-        source = of_r if kind == 0 else dual
-        if len(of_r) == LINEAR:
-            multiply(shape['whitening_linear'], source, whitened)
-        else:
-            multiply(shape['whitening_quadratic'], source, whitened)
-        for f in range(len(of_r)):
-            image = applied(turn, vector_of(whitened[f]))
-            if kind == 0:
-                put_vector(body['shape_moment'][f], image)
-            else:
-                put_vector(body['volume_direction'][f], image)
-
-
-@helper
 def rotation_by(a: Vector) -> Matrix:
     """
     Return the rotation about a by |a| radians, by operations with the same rounding everywhere.
@@ -658,9 +656,9 @@ def rotation_by(a: Vector) -> Matrix:
         z *= 0.25
         halvings += 1
     sine = cosine = 1.0
-    for k in range(8, 0, -1):
-        sine = 1.0 - z * sine / (2.0 * k * (2.0 * k + 1.0))
-        cosine = 1.0 - z * cosine / (2.0 * k * (2.0 * k - 1.0))
+    for k in range(len(SERIES)):
+        sine = 1.0 - z * SERIES[k][0] * sine
+        cosine = 1.0 - z * SERIES[k][1] * cosine
     for _ in range(halvings):
         # of the double angle: sin 2φ / 2φ and cos 2φ
         sine, cosine = sine * cosine, 1.0 - 2.0 * z * sine * sine
@@ -781,6 +779,25 @@ def start_position(body: np.void, x: np.ndarray, i: int) -> Vector:
     """
     arm = minus(column_of(x, i), vector_of(body['start_centre']))
     return plus(vector_of(body['centre']), applied(matrix_of(body['turn']), arm))
+
+
+@helper
+def whiten(body: np.void, shape: np.void, moments: np.ndarray, result: np.ndarray) -> None:
+    """
+    Write moments Σ w ψ aᵀ with whitened features of moments Σ w f aᵀ.
+
+    Parameters
+    ----------
+    body : BODY
+    shape : SHAPE
+    moments, result : (9, 3) float
+        the moments of a BODY record: 3 rows are used in mode linear, all in mode quadratic
+
+    """
+    if body['mode'] > 1:
+        multiply(shape['whitening_quadratic'], moments, result)
+    else:
+        multiply(shape['whitening_linear'], moments[:LINEAR], result[:LINEAR])
 
 
 @helper
