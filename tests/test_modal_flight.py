@@ -373,6 +373,21 @@ def test_a_wrench_gives_its_impulse_and_its_moment_in_a_tick(mode, in_body_axes,
     assert record['angular_momentum'] == pytest.approx(after[1], rel=1e-12)
 
 
+@pytest.mark.parametrize('mode', MODES)
+def test_a_torque_turns_a_body_at_rest_within_the_tick_as_a_force_moves_it(mode):
+    flights = Flights(body(pebble(), mode=mode), h=1 / 60)
+    x, _ = rigid_state(flights.bodies[0].rest, seed=4)
+    flights.put(x, np.zeros_like(x))
+    record, h, m = flights.state.bodies[0], flights.h, Match(flights)
+    torque = np.array([5e-3, -3e-3, 2e-3])  # that what its turn does to the inertia is small
+    record['has_wrench'], record['wrench'][0, 1] = True, torque
+    assert flights.fly() == 0
+    expected = exponential(h * h / 2 * inverse_inertia(m.w, m.r) @ torque)
+    assert record['turn'] == pytest.approx(expected, abs=1e-11)
+    assert np.abs(expected - np.eye(3)).max() > 1e-6
+    assert flights.flown()[0] == pytest.approx(m.w @ x + m.r @ expected.T, abs=1e-11)
+
+
 # ---------------------------------------------------------------------------------------- rotation
 def test_the_rotation_by_a_vector_is_that_of_scipy():
     random = np.random.default_rng(0)
@@ -841,6 +856,28 @@ def test_any_state_comes_back(mode, material, h, moving):
             assert plastic is None or largest_permanent_strain(plastic) <= 0.2 + 1e-12
         else:
             assert flights.distortion(index) < 0.01, state
+
+
+@pytest.mark.skipif(not is_compiled(), reason='thousands of ticks')
+@pytest.mark.parametrize('material', ['default', 'bouncing', 'soft'])
+@pytest.mark.parametrize('mode', SOFT)
+@pytest.mark.parametrize('h', [1 / 30, 1 / 240])
+def test_any_state_that_spins_is_wide_but_bounded(mode, material, h):
+    """Up to 1e5 rad/s, which is left of the angular momentum of a body 100 times its size."""
+    flights = Flights(*[body(pebble(), mode=mode, **MATERIALS[material])] * len(STATES), h=h)
+    random, rest = np.random.default_rng(2), flights.bodies[0].rest
+    for index, state in enumerate(STATES.values()):
+        x = state(rest.scale * rest.q.T @ random_rotation(index).T, random)
+        v = random.normal(size=x.shape) + np.cross([3.0, -8.0, 5.0], x)
+        flights.put(x + index, v, index)
+    before = [flights.momenta(index)[1] for index in range(len(STATES))]
+    flights.step(round(5.0 / h))
+    for index, state in enumerate(STATES):
+        assert flights.distortion(index) < 1.0, state
+        spin = flights.momenta(index)[1]
+        if state not in ('a point', 'scaled to 1 %'):
+            # rounding, where it turns by up to 1000 rad in a tick
+            assert np.linalg.norm(spin - before[index]) < 1e-8 * np.linalg.norm(spin)
 
 
 # ------------------------------------------------------------------------------- degenerate shapes

@@ -16,10 +16,16 @@ residuals are y = r − T f and z = u − U f, and the flight is
     x' = c' + E [P f + (Φ₁₁ (T − P) + Φ₁₂ U) f + Φ₁₁ʳ y + Φ₁₂ʳ z]
     v' = V' + E [(Φ₂₁ (T − P) + Φ₂₂ U) f + Φ₂₁ʳ y + Φ₂₂ʳ z] + Ω' × (x' − c').
 
-E is the rotation of the free rigid body, Ω' restores the angular momentum. Along one direction of
-transforms, the gradient of the enclosed volume, the stiffness is another one, and the equilibrium
-lies between P and the nearest fit of the rest volume. During a tick, P and this direction are
-constant. As goals are nearest points, the potential of the constants is at least the true one.
+E is the rotation of the free rigid body by the implicit midpoint rule, Ω' restores the angular
+momentum. Along one direction of transforms, the gradient of the enclosed volume, the stiffness is
+another one, and the equilibrium lies between P and the nearest fit of the rest volume. The
+centrifugal acceleration drives T, as the exact response to one that changes linearly in the tick;
+that of Coriolis is left out: it does no work, and the angular momentum is exact without it.
+
+During a tick, P and the plane of the rest volume are constant. P is a nearest point, so that the
+potential with P constant is at least the true one, and equal to it at the start: damping it damps
+the true one, at any step. The rest volume is no plane but curved; what that adds to the energy is
+of third order in the step.
 
 x' and v' are linear in r, v and the features: a tick reads the particles for sums, computes the
 coefficients from the sums, and reads the particles again to write the result.
@@ -114,10 +120,8 @@ SLOW_TURN = 1e-6
 centrifugal acceleration is taken as constant in a tick."""
 LARGEST_TURN = 1e4
 """Angle of rotation in one tick beyond which it has no meaning, rad."""
-
 SERIES = tuple((1 / (2 * k * (2 * k + 1)), 1 / (2 * k * (2 * k - 1))) for k in range(8, 0, -1))
 """Ratios of successive terms of the power series of sine and cosine, from the last one on."""
-
 Response = tuple[float, float, float, float, float, float, float]
 """Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂, Γ₃ of `gains.oscillator_response`."""
 
@@ -199,10 +203,10 @@ def fly(
         put_vector(body['start_centre'], centre)
         put_vector(match_centre[body['first_match']], centre)
         undeformed = match(body, shape, stretch, match_posture, scratch)
-        acceleration = solve(
+        drift = solve(
             body, shape, origin, total.y, total.v, second, spin, undeformed, g, scratch, h
         )
-        if not is_finite(acceleration, scratch[0]):
+        if not is_finite(drift, scratch[0]):
             return 1 + awake[index]
         write(x0, v0, body, shape, q, x[1 - now], v[1 - now])
         for row in range(2):
