@@ -490,13 +490,11 @@ def centrifugal_field(body: np.void, omega: Vector) -> Matrix:
     Return the matrix of the centrifugal acceleration, −Ω × (Ω × r); 1/s².
 
     It takes from the energy of deformation what the energy of rotation gains when a body
-    contracts. Limited to half the stiffness of the followed modes, beyond which a body has no
-    equilibrium, and absent in degenerate states, which are to come back.
+    contracts. Limited to half the stiffness of the followed modes: with more a body has no
+    equilibrium, and any state is to come back.
     """
     size = dot(omega, omega)
-    factor = (1.0 - body['degeneracy']) * min(
-        1.0, 0.5 * body['stiffnesses'][FOLLOWED] / max(size, 1e-300)
-    )
+    factor = min(1.0, 0.5 * body['stiffnesses'][FOLLOWED] / max(size, 1e-300))
     return combined(factor * size, IDENTITY, -factor, outer(omega, omega))
 
 
