@@ -473,6 +473,8 @@ def solve(
         put_vector(body['map'][1, 7 + f], image)
         put_vector(body['shape_moment'][f], applied(turn, vector_of(of_r[f])))
         put_vector(body['volume_moment'][f], applied(turn, vector_of(scratch[7, f])))
+    keep_mean(body['map'][0], shape, len(of_x))
+    keep_mean(body['map'][1], shape, len(of_x))
     for f in range(len(of_x)):
         put_vector(of_r[f], vector_of(body['map'][1, 7 + f]))
     return vector_of(body['map'][1, 0])
@@ -639,6 +641,21 @@ def put_map(
     put_vector(rows_of_map[0], shift)
     put_matrix(rows_of_map[1:4], of_r)
     put_matrix(rows_of_map[4:7], of_v)
+
+
+@helper
+def keep_mean(rows_of_map: np.ndarray, shape: np.void, features: int) -> None:
+    """
+    Subtract from the constant of a map what rounding of the rest shape adds to the mean.
+
+    Means of features are not quite 0 and the sum of the weights not quite 1: as these are the same
+    in each tick, momentum would change steadily.
+    """
+    constant = vector_of(rows_of_map[0])
+    constant = along(constant, -shape['weight_rounding'], constant)
+    for f in range(features):
+        constant = along(constant, -shape['feature_rounding'][f], vector_of(rows_of_map[7 + f]))
+    put_vector(rows_of_map[0], constant)
 
 
 @helper

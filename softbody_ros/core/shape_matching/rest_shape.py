@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import permutations
+from math import fsum
 
 import numpy as np
 
@@ -29,6 +30,8 @@ SHAPE = np.dtype(
         ('spanned_linear', np.bool_),
         ('spanned_quadratic', np.bool_),
         ('feature_means', np.float64, (QUADRATIC,)),
+        ('feature_rounding', np.float64, (QUADRATIC,)),
+        ('weight_rounding', np.float64),
         ('gram', np.float64, (QUADRATIC, QUADRATIC)),
         ('inverse_linear', np.float64, (LINEAR, LINEAR)),
         ('inverse_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
@@ -67,6 +70,8 @@ class RestShape:
         rest positions
     feature_means : (9,) float
         the subtracted means Σ w f; 0 for q
+    feature_rounding, weight_rounding : (9,) float, float
+        what rounding leaves of Σ w f = 0 after that, and of Σ w − 1 = 0
     gram : (9, 9) float
         Σ w f fᵀ
     inverse_linear, inverse_quadratic : (3, 3), (9, 9) float
@@ -89,6 +94,8 @@ class RestShape:
     weights: np.ndarray
     q: np.ndarray
     feature_means: np.ndarray
+    feature_rounding: np.ndarray
+    weight_rounding: float
     gram: np.ndarray
     inverse_linear: np.ndarray
     inverse_quadratic: np.ndarray
@@ -124,6 +131,8 @@ class RestShape:
         record['spanned_linear'] = not self.unspanned_linear.any()
         record['spanned_quadratic'] = not self.unspanned_quadratic.any()
         record['feature_means'], record['gram'] = self.feature_means, self.gram
+        record['feature_rounding'] = self.feature_rounding
+        record['weight_rounding'] = self.weight_rounding
         record['inverse_linear'] = self.inverse_linear
         record['inverse_quadratic'] = self.inverse_quadratic
         record['unspanned_linear'] = self.unspanned_linear
@@ -178,6 +187,8 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         weights=weights,
         q=q,
         feature_means=means,
+        feature_rounding=np.array([fsum((weights * f).tolist()) for f in features]),
+        weight_rounding=fsum([-1.0, *weights.tolist()]),
         gram=gram,
         inverse_linear=inverse_linear,
         inverse_quadratic=inverse_quadratic,
