@@ -14,9 +14,9 @@ consists of arrays of the particles of all bodies, and a record of each body (bo
 sequence of stages (step.py), each one or several kernels (compiled.py) over all awake bodies:
 
 1. shape_matching/flight.py, motion without contacts: predict positions and sum up moments
-   (moments), match the rest shape (goals; eq. 7: polar_decomposition; fit and volume: matching;
-   regions; plasticity), pull towards the goal (eq. 9, 10: gains), restore momentum and angular
-   momentum (rigid_motion).
+   (moments, four particles at a time: lanes.py), match the rest shape (goals; eq. 7:
+   polar_decomposition; fit and volume: matching; regions; plasticity), pull towards the goal (eq.
+   9, 10: gains), restore momentum and angular momentum (rigid_motion).
 2. contact/body_body.py, contacts between bodies, and with points and edges of obstacles:
    candidates by collision/broad_phase.py, contacts by collision/narrow_phase.py; then the loads of
    piles (manifold), constraints between whole bodies (body_constraints), and impulses, friction

@@ -21,7 +21,7 @@ from softbody_ros.core.geometry.vectors import Vector
 Lanes: TypeAlias = float
 """A number to type checkers, so that functions of vectors of numbers take vectors of lanes."""
 LANES = 4
-"""A register of AVX2; with 16 of them there is one for each of the sums over a tile."""
+"""A register of AVX2, which has 16: enough for the sums over a tile."""
 LaneVector: TypeAlias = Vector
 """The vectors of four particles."""
 OPERATORS = {operator.add: 'fadd', operator.sub: 'fsub', operator.mul: 'fmul'}
