@@ -56,6 +56,11 @@ BODY = np.dtype(
         ('coulomb', np.bool_),
         ('thickness', np.float64),  # m
         ('mass', np.float64),  # kg
+        ('kappa', np.float64),  # frequency of the residual, relative to that of the stiffness
+        # of regular and of degenerate states; of followed modes, residual and change of volume
+        ('responses', np.float64, (2, 3, 7)),
+        ('stiffnesses', np.float64, (3,)),  # ω² of regular states, 1/s²
+        ('volume_share', np.float64),  # of the stiffness against changes of volume
         ('pins_linear', np.float64, (3,)),  # m/s
         ('pins_angular', np.float64, (3,)),  # rad/s
         # applied wrench per mass, in world axes and in body axes: force, m/s², and torque, m²/s²
@@ -72,6 +77,18 @@ BODY = np.dtype(
         ('inverse_inertia', np.float64, (3, 3)),  # per mass, 1/m²
         # integral over time of the wrench of contacts, N s and N m s
         ('total', np.float64, (2, 3)),
+        # results of the modal flight, see shape_matching/modal_flight.py
+        ('origin', np.float64, (3,)),  # of start positions in `map`, m
+        ('start_centre', np.float64, (3,)),  # of mass, m
+        ('turn', np.float64, (3, 3)),  # E, the rotation in the tick
+        ('start_inverse_inertia', np.float64, (3, 3)),  # of the start shape, turned; 1/m²
+        ('shape_moment', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w f x̂ᵀ of it, m
+        # the same of the direction in which the volume changes, of size 1
+        ('volume_moment', np.float64, (QUADRATIC_FEATURES, 3)),
+        ('response', np.float64, (3, 2)),  # Γ₁, s², and Γ₂, s, of each kind of modes
+        # of positions and of velocities: shift; matrices on position and velocity at the start;
+        # columns of the features
+        ('map', np.float64, (2, 7 + QUADRATIC_FEATURES, 3)),
         # of contacts: impulse, m/s, and its moment about the centre, m²/s, per mass
         ('received', np.float64, (2, 3)),
         ('touches', np.int64, (2,)),  # 1 if a contact has acted on it, see contact/exchange.py

@@ -10,6 +10,16 @@ import numpy as np
 
 from softbody_ros.core.config import MODES, BodyConfig
 
+KAPPA = 3.0
+"""Frequency of the residual of a particle, which no goal follows, relative to that of α_s: short
+waves of a solid are stiffer than its long ones."""
+LEAST_RESIDUAL_DAMPING = 0.7
+"""Damping ratio of the residual: undamped, a particle could be held by no force at ω h = 2π."""
+SMALL_PHASE = 0.5
+"""ω h below which a power series is exact and differences lose digits."""
+FOLLOWED, RESIDUAL, BREATHING = 0, 1, 2
+"""Kinds of modes: deformation that the goal follows, what no goal follows, change of volume."""
+
 
 def natural_frequency(stiffness: float, reference_step: float) -> float:
     """Return ω in rad/s: cos(ω h₀) = 1 − α_s / 2, the frequency of eq. 9–10 at step h₀."""
@@ -48,6 +58,108 @@ def oscillator_gains(
     return -math.expm1(-2.0 * zeta * omega * step), (
         (1.0 - decay) ** 2 + 4.0 * decay * math.sin(phase / 2.0) ** 2
     )
+
+
+def oscillator_response(
+    omega: float, zeta: float, step: float
+) -> tuple[float, float, float, float, float, float, float]:
+    """
+    Return the exact motion of a damped oscillator under a force in a tick.
+
+    y' = Φ₁₁ y + Φ₁₂ u + Γ₁ a and u' = Φ₂₁ y + Φ₂₂ u + Γ₂ a for displacement y, velocity u = ẏ and
+    acceleration a by a constant force: ÿ = −2 ζ ω ẏ − ω² y + a. In rest y = a / ω² at any step.
+    A force that grows as ȧ t adds Γ₃ ȧ and Γ₁ ȧ.
+
+    Parameters
+    ----------
+    omega, zeta : float
+        ω, rad/s, and damping ratio from 0 to 1; without stiffness the motion is that of a free
+        particle
+    step : float
+        h, s
+
+    Returns
+    -------
+    tuple of 7 float
+        Φ₁₁, Φ₁₂ in s, Φ₂₁ in 1/s, Φ₂₂, Γ₁ in s², Γ₂ in s, Γ₃ in s³
+
+    """
+    if omega * step < SMALL_PHASE:
+        # derivatives of y at 0 for a = 1: each follows from the two before
+        before, now = 0.0, 1.0
+        position, velocity, sum_of_position = 0.5 * step * step, step, step**3 / 6.0
+        term = step
+        for order in range(2, 18):
+            before, now = now, -2.0 * zeta * omega * now - omega * omega * before
+            term *= step / order
+            velocity += now * term
+            position += now * term * step / (order + 1)
+            sum_of_position += now * term * step * step / ((order + 1) * (order + 2))
+    else:
+        damped = math.sqrt(max(1.0 - zeta * zeta, 0.0)) * omega
+        decay, phase = math.exp(-zeta * omega * step), damped * step
+        velocity = decay * (math.sin(phase) / damped if phase > 0.0 else step)
+        position = (1.0 - decay * math.cos(phase) - zeta * omega * velocity) / omega**2
+        sum_of_position = (step - velocity) / omega**2 - 2.0 * zeta * position / omega
+    stay = 1.0 - omega * omega * position
+    return (
+        stay,
+        velocity,
+        -omega * omega * velocity,
+        stay - 2.0 * zeta * omega * velocity,
+        position,
+        velocity,
+        sum_of_position,
+    )
+
+
+def put_modal_gains(
+    record: np.void,
+    body: BodyConfig,
+    step: float,
+    reference_step: float,
+    kappa: float = KAPPA,
+) -> None:
+    """
+    Write the responses of the modes of a body in one tick into its BODY record.
+
+    Deformations that the goal follows have the stiffness (1 − β) α_s, the change of volume
+    [1 − β (1 − volume conservation)] α_s, and the residual of each particle κ times the frequency
+    of α_s. All are 0 for a rigid body, which has no such modes.
+
+    Parameters
+    ----------
+    record : BODY, ()
+        written: `responses` are those of `oscillator_response` for each kind of mode, in regular
+        and in degenerate states; `stiffnesses` are ω² of the regular ones; `volume_share` is the
+        share of the change of volume in the stiffness against it; `kappa`
+    body : BodyConfig
+    step, reference_step : float
+        h and h₀, s
+    kappa : float
+        κ
+
+    """
+    record['kappa'] = kappa
+    record['responses'], record['stiffnesses'], record['volume_share'] = 0.0, 0.0, 0.0
+    if body.mode == 'rigid':
+        return
+    alpha, beta = body.stiffness, body.deformation
+    omega = natural_frequency(alpha, reference_step)
+    followed = natural_frequency((1.0 - beta) * alpha, reference_step)
+    breathing = natural_frequency(
+        (1.0 - beta * (1.0 - body.volume_conservation)) * alpha, reference_step
+    )
+    zeta = damping_ratio(body.bounciness)
+    record['stiffnesses'] = followed**2, (kappa * omega) ** 2, breathing**2
+    regular, degenerate = record['responses']
+    regular[FOLLOWED] = oscillator_response(followed, zeta, step)
+    regular[RESIDUAL] = oscillator_response(kappa * omega, max(zeta, LEAST_RESIDUAL_DAMPING), step)
+    regular[BREATHING] = oscillator_response(breathing, zeta, step)
+    degenerate[FOLLOWED] = degenerate[BREATHING] = oscillator_response(omega, 1.0, step)
+    degenerate[RESIDUAL] = oscillator_response(kappa * omega, 1.0, step)
+    if breathing > 0.0:
+        record['volume_share'] = 1.0 - (followed / breathing) ** 2
 
 
 def put_gains(record: np.void, body: BodyConfig, step: float, reference_step: float) -> None:
@@ -112,5 +224,6 @@ def put_gains(record: np.void, body: BodyConfig, step: float, reference_step: fl
     record['elasticity'], record['bounciness'] = body.elasticity, body.bounciness
     record['friction'], record['coulomb'] = friction, body.friction_model == 'coulomb'
     record['thickness'], record['mass'] = body.thickness, body.mass
+    put_modal_gains(record, body, step, reference_step)
     record['pins_linear'] = body.pins_velocity_linear
     record['pins_angular'] = body.pins_velocity_angular

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import permutations
+from math import fsum
 
 import numpy as np
 
@@ -29,11 +30,15 @@ SHAPE = np.dtype(
         ('spanned_linear', np.bool_),
         ('spanned_quadratic', np.bool_),
         ('feature_means', np.float64, (QUADRATIC,)),
+        ('feature_rounding', np.float64, (QUADRATIC,)),
+        ('weight_rounding', np.float64),
         ('gram', np.float64, (QUADRATIC, QUADRATIC)),
         ('inverse_linear', np.float64, (LINEAR, LINEAR)),
         ('inverse_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
         ('unspanned_linear', np.float64, (LINEAR, LINEAR)),
         ('unspanned_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
+        ('whitening_linear', np.float64, (LINEAR, LINEAR)),
+        ('whitening_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
         ('volume_linear', np.float64, (LINEAR, LINEAR, LINEAR)),
         ('volume_quadratic', np.float64, (QUADRATIC, QUADRATIC, QUADRATIC)),
     ],
@@ -65,6 +70,8 @@ class RestShape:
         rest positions
     feature_means : (9,) float
         the subtracted means Σ w f; 0 for q
+    feature_rounding, weight_rounding : (9,) float, float
+        what rounding leaves of Σ w f = 0 after that, and of Σ w − 1 = 0
     gram : (9, 9) float
         Σ w f fᵀ
     inverse_linear, inverse_quadratic : (3, 3), (9, 9) float
@@ -72,6 +79,9 @@ class RestShape:
         eq. 7 and section 4.3)
     unspanned_linear, unspanned_quadratic : (3, 3), (9, 9) float
         projection on the null space of that Gram matrix
+    whitening_linear, whitening_quadratic : (3, 3), (9, 9) float
+        W of the whitened features ψ = W f: Σ w ψ ψᵀ = 1, but for rows of zeros in place of
+        combinations of features that the shape does not span
     volume_form : (9, 9, 9) float
         antisymmetric; the enclosed volume of the goal T f, relative to the rest volume, is
         Σ T₀ᵢ T₁ⱼ T₂ₖ volume_formᵢⱼₖ. For an open surface it is the determinant of T's linear block
@@ -84,11 +94,15 @@ class RestShape:
     weights: np.ndarray
     q: np.ndarray
     feature_means: np.ndarray
+    feature_rounding: np.ndarray
+    weight_rounding: float
     gram: np.ndarray
     inverse_linear: np.ndarray
     inverse_quadratic: np.ndarray
     unspanned_linear: np.ndarray
     unspanned_quadratic: np.ndarray
+    whitening_linear: np.ndarray
+    whitening_quadratic: np.ndarray
     volume_form: np.ndarray
 
     @property
@@ -117,10 +131,14 @@ class RestShape:
         record['spanned_linear'] = not self.unspanned_linear.any()
         record['spanned_quadratic'] = not self.unspanned_quadratic.any()
         record['feature_means'], record['gram'] = self.feature_means, self.gram
+        record['feature_rounding'] = self.feature_rounding
+        record['weight_rounding'] = self.weight_rounding
         record['inverse_linear'] = self.inverse_linear
         record['inverse_quadratic'] = self.inverse_quadratic
         record['unspanned_linear'] = self.unspanned_linear
         record['unspanned_quadratic'] = self.unspanned_quadratic
+        record['whitening_linear'] = self.whitening_linear
+        record['whitening_quadratic'] = self.whitening_quadratic
         record['volume_linear'] = self.volume_form[:LINEAR, :LINEAR, :LINEAR]
         record['volume_quadratic'] = self.volume_form
         return record
@@ -169,11 +187,15 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         weights=weights,
         q=q,
         feature_means=means,
+        feature_rounding=np.array([fsum((weights * f).tolist()) for f in features]),
+        weight_rounding=fsum([-1.0, *weights.tolist()]),
         gram=gram,
         inverse_linear=inverse_linear,
         inverse_quadratic=inverse_quadratic,
         unspanned_linear=unspanned_linear,
         unspanned_quadratic=unspanned_quadratic,
+        whitening_linear=whitening(gram[:LINEAR, :LINEAR]),
+        whitening_quadratic=whitening(gram),
         volume_form=_volume_form(surface, features),
     )
 
@@ -191,6 +213,13 @@ def pseudo_inverse(gram: np.ndarray, cut: float = RANK_CUT) -> tuple[np.ndarray,
     inverse = (basis / values[spanned]) @ basis.T
     null = vectors[:, ~spanned]
     return inverse, null @ null.T
+
+
+def whitening(gram: np.ndarray, cut: float = RANK_CUT) -> np.ndarray:
+    """Return W with W G Wᵀ = 1 for a symmetric matrix G; rows of its null space are zeros."""
+    values, vectors = np.linalg.eigh(gram)
+    spanned = values > cut * values[-1]
+    return np.where(spanned, vectors, 0.0).T / np.sqrt(np.where(spanned, values, 1.0))[:, None]
 
 
 def _products(q: np.ndarray) -> np.ndarray:

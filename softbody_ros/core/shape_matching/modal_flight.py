@@ -1,0 +1,854 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Unconstrained motion in a tick of a body as a modal system. Not used by `step` yet.
+
+Müller, Heidelberger, Teschner, Gross: Meshless Deformations Based on Shape Matching, SIGGRAPH
+2005, is a model of modes: rigid ones, which are free; those that the goal follows, with the
+stiffness (1 − β) α_s; and the residual of each particle, which no goal follows. Each moves as the
+exact oscillator of its frequency, at any step (`gains.oscillator_response`). Velocities are those
+at the tick, v = dx/dt, not staggered ones.
+
+With offsets r from the centre of mass, the angular velocity Ω = I⁻¹ L, velocities of deformation
+u = v − V − Ω × r, the undeformed transform P (R, or R S_p) and the fits T of r and U of u, the
+residuals are y = r − T f and z = u − U f, and the flight is
+
+    x' = c' + E [P f + (Φ₁₁ (T − P) + Φ₁₂ U) f + Φ₁₁ʳ y + Φ₁₂ʳ z]
+    v' = V' + E [(Φ₂₁ (T − P) + Φ₂₂ U) f + Φ₂₁ʳ y + Φ₂₂ʳ z] + Ω' × (x' − c').
+
+E is the rotation of the free rigid body by the implicit midpoint rule, Ω' restores the angular
+momentum. Along one direction of transforms, the gradient of the enclosed volume, the stiffness is
+another one, and the equilibrium lies between P and the nearest fit of the rest volume. The
+centrifugal acceleration drives T, as the exact response to one that changes linearly in the tick;
+that of Coriolis is left out: it does no work, and the angular momentum is exact without it.
+
+During a tick, P and the plane of the rest volume are constant. P is a nearest point, so that the
+potential with P constant is at least the true one, and equal to it at the start: damping it damps
+the true one, at any step. The rest volume is no plane but curved; what that adds to the energy is
+of third order in the step.
+
+x' and v' are linear in r, v and the features: a tick reads the particles for sums, computes the
+coefficients from the sums, and reads the particles again to write the result.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from softbody_ros.core.body import RIGID
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.geometry.vectors import (
+    IDENTITY,
+    NO_MATRIX,
+    ZERO,
+    Matrix,
+    Vector,
+    added,
+    along,
+    applied,
+    applied_transposed,
+    axial,
+    column_of,
+    combined,
+    cross,
+    cross_matrix,
+    dot,
+    matrix_of,
+    minus,
+    outer,
+    plus,
+    product,
+    put_matrix,
+    put_vector,
+    scaled,
+    times,
+    transposed,
+    vector_of,
+)
+from softbody_ros.core.lanes import (
+    LANES,
+    no_vectors,
+    put_vectors,
+    totals,
+    vectors_at,
+    weights_at,
+)
+from softbody_ros.core.shape_matching.flight import (
+    scale_transform,
+    summed_cross,
+    summed_outer,
+)
+from softbody_ros.core.shape_matching.gains import BREATHING, FOLLOWED, RESIDUAL
+from softbody_ros.core.shape_matching.goals import flow
+from softbody_ros.core.shape_matching.matching import (
+    LEAST_SLOPE,
+    LINEAR,
+    copy,
+    degeneracy_of,
+    fill,
+    fit,
+    linear_block,
+    mixed_products,
+    move_to_rest_volume,
+    multiply,
+    scalar_product,
+    squares,
+)
+from softbody_ros.core.shape_matching.moments import (
+    TILE,
+    is_finite,
+    particle_sums,
+    sample_mean,
+    symmetric,
+)
+from softbody_ros.core.shape_matching.plasticity import elastic_of, undeformed_of
+from softbody_ros.core.shape_matching.polar_decomposition import rotation_of
+from softbody_ros.core.shape_matching.rigid_motion import (
+    inertia_of,
+    inverse_inertia_of,
+    put_motion,
+)
+
+TURN_STEPS, TURN_CONVERGED = 12, 1e-13
+"""Most fixed-point iterations of the midpoint rule for rotation, and the relative change of the
+angular velocity that ends them: unsolved, the rule loses energy of rotation."""
+SLOW_TURN = 1e-6
+"""Square of the angular velocity, relative to the stiffness of followed modes, up to which the
+centrifugal acceleration is taken as constant in a tick."""
+LARGEST_TURN = 1e4
+"""Angle of rotation in one tick beyond which it has no meaning, rad."""
+SERIES = tuple((1 / (2 * k * (2 * k + 1)), 1 / (2 * k * (2 * k - 1))) for k in range(8, 0, -1))
+"""Ratios of successive terms of the power series of sine and cosine, from the last one on."""
+Response = tuple[float, float, float, float, float, float, float]
+"""Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂, Γ₃ of `gains.oscillator_response`."""
+
+
+class Second(NamedTuple):
+    """Second moments Σ w a bᵀ of offsets r and velocities v from their means."""
+
+    rr: Matrix
+    rv: Matrix
+    vv: Matrix
+
+
+@kernel
+def fly(
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    stretch: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    gravity: np.ndarray,
+    h: float,
+) -> int:
+    """
+    Move bodies without contacts, regions and pins, from the half `now` of `x`, `v` to the other.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+        results of the tick are written into them
+    awake : (A,) int
+        bodies to move
+    shapes : (R,) SHAPE
+    weights, q : (M,), (3, M) float
+        of all rest shapes
+    x, v : (2, 3, N) float
+        m, m/s
+    stretch : (2, S, 3, 3) float
+        plastic states of all matches
+    match_centre, match_posture : (S, 3), (S, 3, 3) float
+        written: centres, m, and linear maps of offsets, of the matched shapes
+    gravity : (3,) float
+        m/s²
+    h : float
+        s
+
+    Returns
+    -------
+    int
+        0, or 1 + the index of a body with positions or velocities that are not finite
+
+    """
+    linear, quadratic, tile = np.empty((10, 3, 3)), np.empty((10, 9, 3)), np.empty((3, TILE))
+    g = vector_of(gravity)
+    for index in range(len(awake)):
+        body = bodies[awake[index]]
+        shape, now = shapes[body['shape']], body['now']
+        body['flowed'] = False
+        x0, v0 = x[now], v[now]
+        scratch = quadratic if body['mode'] > 1 else linear
+        moment, of_v = scratch[0], scratch[1]
+        origin = sample_mean(x0, body)
+        offset = scaled(-1.0, origin)
+        total = particle_sums(x0, v0, body, shape, weights, q, offset, 0.0, moment, of_v, tile)
+        if not (is_finite(total.y, moment) and is_finite(total.v, of_v)):
+            return 1 + awake[index]
+        centre = plus(origin, total.y)
+        rr = combined(1.0, total.yy, -1.0, outer(total.y, total.y))
+        second = Second(rr, NO_MATRIX, NO_MATRIX)
+        spin = minus(total.yxv, cross(total.y, total.v))
+        if body['mode'] != RIGID:
+            second = second_moments(x0, v0, body, shape, weights, centre, total.v, rr)
+            spin = axial(second.rv)
+        put_vector(body['origin'], origin)
+        put_vector(body['start_centre'], centre)
+        put_vector(match_centre[body['first_match']], centre)
+        undeformed = match(body, shape, stretch, match_posture, scratch)
+        drift = solve(
+            body, shape, origin, total.y, total.v, second, spin, undeformed, g, scratch, h
+        )
+        if not is_finite(drift, scratch[0]):
+            return 1 + awake[index]
+        write(x0, v0, body, shape, q, x[1 - now], v[1 - now])
+        for row in range(2):
+            put_vector(body['received'][row], ZERO)
+        put_vector(body['load'], ZERO)
+    return 0
+
+
+# ------------------------------------------------------------------------------------------- sums
+@helper
+def second_moments(
+    x: np.ndarray,
+    v: np.ndarray,
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    centre: Vector,
+    velocity: Vector,
+    rr: Matrix,
+) -> Second:
+    """Return the second moments of a body, in a fixed order."""
+    first = second = third = upper = lower = no_vectors()
+    begin, rest = body['first'], shape['first'] - body['first']
+    end = begin + body['count']
+    for i in range(begin, end, LANES):
+        left = end - i
+        w = weights_at(weights, rest + i, left)
+        weighted = scaled(w, minus(vectors_at(x, i, left), centre))
+        u = minus(vectors_at(v, i, left), velocity)
+        first = along(first, weighted[0], u)
+        second = along(second, weighted[1], u)
+        third = along(third, weighted[2], u)
+        weighted = scaled(w, u)
+        upper = along(upper, weighted[0], u)
+        lower = plus(lower, (weighted[1] * u[1], weighted[1] * u[2], weighted[2] * u[2]))
+    return Second(
+        rr,
+        (totals(first), totals(second), totals(third)),
+        symmetric(totals(upper), totals(lower)),
+    )
+
+
+# ------------------------------------------------------------------------------------------ match
+@helper
+def match(
+    body: np.void,
+    shape: np.void,
+    stretch: np.ndarray,
+    posture: np.ndarray,
+    scratch: np.ndarray,
+) -> Matrix:
+    """
+    Match the whole body at the start of the tick, and return its undeformed transform.
+
+    Parameters
+    ----------
+    body : BODY
+        its degeneracy is written
+    shape : SHAPE
+    stretch : (2, S, 3, 3) float
+    posture : (S, 3, 3) float
+        see `fly`
+    scratch : (10, F, 3) float
+        the first is Σ w f r, m, and remains so; written: the third is the fit, the fourth the
+        nearest fit of the rest volume, the sixth the direction a to it with Σ w |a f|² = 1, the
+        eighth Σ w f (a f)ᵀ, dimensionless
+
+    """
+    row, now, is_plastic = body['first_match'], body['now'], body['is_plastic']
+    moment, fitted, volume_fit = scratch[4], scratch[2], scratch[3]
+    for f in range(len(moment)):
+        for axis in range(3):
+            moment[f, axis] = scratch[0, f, axis] / shape['scale']
+    plastic = matrix_of(stretch[now, row])
+    undeformed = undeformed_of(linear_block(moment), plastic, is_plastic)
+    body['degeneracy'] = 0.0
+    if body['mode'] == RIGID:
+        # no deformation to follow
+        for k in range(2, 8):
+            fill(scratch[k], 0.0)
+        put_matrix(posture[row], undeformed)
+        return undeformed
+    fit(moment, undeformed, shape, fitted)
+    fill(scratch[5], 0.0)
+    volume = move_to_rest_volume(fitted, shape, volume_fit, scratch[4], scratch[5])
+    elastic = elastic_of(linear_block(fitted), plastic, is_plastic)
+    degeneracy = degeneracy_of(fitted, elastic, volume)
+    body['degeneracy'] = degeneracy
+    slope = max(scalar_product(scratch[4], scratch[5]), LEAST_SLOPE)
+    scale_transform(scratch[5], 1.0 / math.sqrt(slope))
+    if len(moment) == LINEAR:
+        multiply(shape['gram'][:LINEAR, :LINEAR], scratch[5], scratch[7])
+    elif shape['spanned_quadratic']:
+        # the gradient itself
+        copy(scratch[4], scratch[7])
+        scale_transform(scratch[7], 1.0 / math.sqrt(slope))
+    else:
+        multiply(shape['gram'], scratch[5], scratch[7])
+    put_matrix(posture[row], undeformed if degeneracy > 0.0 else linear_block(fitted))
+    flow(body, stretch, row, elastic, degeneracy)
+    return undeformed
+
+
+@helper
+def blended_response(body: np.void, kind: int) -> Response:
+    """Return the response of modes, blended towards critical damping in degenerate states."""
+    regular, degenerate = body['responses'][0, kind], body['responses'][1, kind]
+    d = body['degeneracy']
+    put_response = body['response'][kind]
+    put_response[0] = regular[4] + d * (degenerate[4] - regular[4])
+    put_response[1] = regular[5] + d * (degenerate[5] - regular[5])
+    return (
+        regular[0] + d * (degenerate[0] - regular[0]),
+        regular[1] + d * (degenerate[1] - regular[1]),
+        regular[2] + d * (degenerate[2] - regular[2]),
+        regular[3] + d * (degenerate[3] - regular[3]),
+        put_response[0],
+        put_response[1],
+        regular[6] + d * (degenerate[6] - regular[6]),
+    )
+
+
+# ------------------------------------------------------------------------------------------ solve
+@helper
+def solve(
+    body: np.void,
+    shape: np.void,
+    origin: Vector,
+    mean: Vector,
+    velocity: Vector,
+    second: Second,
+    spin: Vector,
+    undeformed: Matrix,
+    gravity: Vector,
+    scratch: np.ndarray,
+    h: float,
+) -> Vector:
+    """
+    Compute the flight of a body from its sums and its match, and write its map and its response.
+
+    In axes that turn with the body, offsets of particles after the tick are
+    p = Φ₁₁ʳ r + Φ₁₂ʳ u + X f, and velocities of deformation s = Φ₂₁ʳ r + Φ₂₂ʳ u + G f, whose
+    moments are products of the sums.
+
+    Parameters
+    ----------
+    body : BODY
+        written: rigid motion after the tick, `map`, and what responses to forces need
+    shape : SHAPE
+    origin, mean : vector
+        point from which positions are counted, m, and the centre of mass from there
+    velocity, second, spin
+        of the centre of mass, m/s; second moments; angular momentum per mass, m²/s
+    undeformed : matrix
+        R, or R S_p
+    gravity : vector
+        m/s²
+    scratch : (10, F, 3) float
+        see `match`; the second is Σ w f v, m/s. Written: the first is the image of the features
+        in v', m/s
+    h : float
+        s
+
+    Returns
+    -------
+    vector
+        constant term of v', m/s
+
+    """
+    scale, kept = shape['scale'], body['kept_velocity']
+    inverse = inverse_inertia_of(second.rr, scale)
+    omega = applied(inverse, spin)
+    of_r, of_u = scratch[0], scratch[1]
+    for f in range(len(of_r)):
+        rigid = cross(omega, vector_of(of_r[f]))
+        put_vector(of_u[f], scaled(kept, minus(vector_of(of_u[f]), rigid)))
+    turning = cross_matrix(omega)
+    ru = combined(kept, second.rv, -kept, product(second.rr, transposed(turning)))
+    uu = product(transposed(second.rv), transposed(turning))
+    uu = combined(kept * kept, second.vv, -kept * kept, added(uu, transposed(uu)))
+    uu = combined(1.0, uu, kept * kept, product(product(turning, second.rr), transposed(turning)))
+    residual = blended_response(body, RESIDUAL)
+    a, b, c, d = residual[0], residual[1], residual[2], residual[3]
+    advance_fit(body, shape, times(scale, undeformed), omega, spin, second.rr, inverse, scratch, h)
+    # of what the gains of the residual do to the whole of r and u, they leave the residual
+    of_x, of_s, gram_x = scratch[3], scratch[4], scratch[8]
+    for f in range(len(of_x)):
+        t, fitted_u = vector_of(scratch[2, f]), vector_of(scratch[6, f])
+        put_vector(of_x[f], along(along(vector_of(of_x[f]), -a, t), -b, fitted_u))
+        put_vector(of_s[f], along(along(vector_of(of_s[f]), -c, t), -d, fitted_u))
+    if len(of_x) == LINEAR:
+        multiply(shape['gram'][:LINEAR, :LINEAR], of_x, gram_x)
+    else:
+        multiply(shape['gram'], of_x, gram_x)
+
+    # moments after the tick, of p pᵀ and p × s
+    half = combined(a * b, ru, a, summed_outer(of_x, of_r))
+    half = combined(1.0, half, b, summed_outer(of_x, of_u))
+    pp = combined(a * a, second.rr, b * b, uu)
+    pp = added(pp, added(half, transposed(half)))
+    pp = added(pp, summed_outer(gram_x, of_x))
+    internal = scaled(a * d - b * c, axial(ru))
+    internal = along(internal, a, summed_cross(of_r, of_s))
+    internal = along(internal, b, summed_cross(of_u, of_s))
+    internal = along(internal, c, summed_cross(of_x, of_r))
+    internal = along(internal, d, summed_cross(of_x, of_u))
+    internal = plus(internal, summed_cross(gram_x, of_s))
+
+    # rotation of the free rigid body by the midpoint rule; L is constant, but for the torque
+    middle = inverse_inertia_of(combined(0.5, second.rr, 0.5, pp), scale)
+    force, torque, wrench = ZERO, ZERO, body['wrench']
+    posture = rotation_of(undeformed) if body['has_wrench'] else IDENTITY
+    rate = applied(middle, spin)
+    for _ in range(TURN_STEPS):
+        turn = rotation_by(scaled(0.5 * h, rate))
+        if body['has_wrench']:
+            axes = product(turn, posture)
+            force = plus(vector_of(wrench[0, 0]), applied(axes, vector_of(wrench[1, 0])))
+            torque = plus(vector_of(wrench[0, 1]), applied(axes, vector_of(wrench[1, 1])))
+        before = rate
+        rate = applied_transposed(turn, along(spin, 0.5 * h, torque))
+        rate = applied(turn, applied(middle, rate))
+        change = minus(rate, before)
+        if dot(change, change) <= TURN_CONVERGED * TURN_CONVERGED * dot(rate, rate):
+            break
+    turn = rotation_by(scaled(h, rate))
+    acceleration = plus(gravity, force)
+
+    after = inverse_inertia_of(pp, scale)
+    spin = applied_transposed(turn, along(spin, h, torque))
+    rate = applied(after, minus(spin, internal))
+    spin = applied(turn, plus(applied(inertia_of(pp), rate), internal))
+    start = plus(origin, mean)
+    centre = along(along(start, h, velocity), 0.5 * h * h, acceleration)
+    put_motion(body, centre, along(velocity, h, acceleration), spin, turned(turn, after))
+    put_matrix(body['turn'], turn)
+    put_matrix(body['start_inverse_inertia'], turned(turn, inverse))
+
+    # p and s + ω' × p as linear maps of r, v − V and f; then of y = x − origin, v and f
+    rotating = cross_matrix(rate)
+    put_map(
+        body['map'][0],
+        product(turn, combined(a, IDENTITY, -b * kept, turning)),
+        times(b * kept, turn),
+        centre,
+        mean,
+        velocity,
+    )
+    of_deformation = combined(d, IDENTITY, b, rotating)
+    of_offset = combined(c, IDENTITY, a, rotating)
+    of_offset = combined(1.0, of_offset, -kept, product(of_deformation, turning))
+    put_map(
+        body['map'][1],
+        product(turn, of_offset),
+        times(kept, product(turn, of_deformation)),
+        along(velocity, h, acceleration),
+        mean,
+        velocity,
+    )
+    for f in range(len(of_x)):
+        image = vector_of(of_x[f])
+        put_vector(body['map'][0, 7 + f], applied(turn, image))
+        image = applied(turn, plus(vector_of(of_s[f]), cross(rate, image)))
+        put_vector(body['map'][1, 7 + f], image)
+        put_vector(body['shape_moment'][f], applied(turn, vector_of(of_r[f])))
+        put_vector(body['volume_moment'][f], applied(turn, vector_of(scratch[7, f])))
+    keep_mean(body['map'][0], shape, len(of_x))
+    keep_mean(body['map'][1], shape, len(of_x))
+    for f in range(len(of_x)):
+        put_vector(of_r[f], vector_of(body['map'][1, 7 + f]))
+    return vector_of(body['map'][1, 0])
+
+
+@helper
+def turned(turn: Matrix, tensor: Matrix) -> Matrix:
+    """Return E A Eᵀ."""
+    return product(product(turn, tensor), transposed(turn))
+
+
+@helper
+def centrifugal_field(body: np.void, omega: Vector) -> Matrix:
+    """
+    Return the matrix of the centrifugal acceleration, −Ω × (Ω × r); 1/s².
+
+    It takes from the energy of deformation what the energy of rotation gains when a body
+    contracts. Limited to half the stiffness of the followed modes: with more a body has no
+    equilibrium, and any state is to come back.
+    """
+    size = dot(omega, omega)
+    factor = min(1.0, 0.5 * body['stiffnesses'][FOLLOWED] / max(size, 1e-300))
+    return combined(factor * size, IDENTITY, -factor, outer(omega, omega))
+
+
+@helper
+def advance_fit(
+    body: np.void,
+    shape: np.void,
+    undeformed: Matrix,
+    omega: Vector,
+    spin: Vector,
+    rr: Matrix,
+    inverse: Matrix,
+    scratch: np.ndarray,
+    h: float,
+) -> None:
+    """
+    Move the modes of the transform, under the centrifugal acceleration.
+
+    Parameters
+    ----------
+    body : BODY
+    shape : SHAPE
+    undeformed : matrix
+        P, m
+    omega, spin, rr, inverse
+        angular velocity, rad/s; angular momentum, m²/s; second moments, m²; inverse inertia, 1/m²
+    scratch : (10, F, 3) float
+        Σ w f r and Σ w f u, then the results of `match`. Written: the fourth is the transform of
+        positions after the tick, m, the fifth that of velocities of deformation, m/s, and the
+        seventh that of velocities before it
+
+    """
+    of_r, of_uf, fitted, of_x = scratch[0], scratch[1], scratch[2], scratch[3]
+    of_u, dual, driven, change = scratch[6], scratch[7], scratch[8], scratch[9]
+    scale_transform(fitted, shape['scale'])
+    if body['mode'] == RIGID:
+        fill(of_u, 0.0)
+    elif len(fitted) == LINEAR:
+        multiply(shape['inverse_linear'], of_uf, of_u)
+    else:
+        multiply(shape['inverse_quadratic'], of_uf, of_u)
+    target = shape['scale'] * scalar_product(dual, of_x)
+    field = centrifugal_field(body, omega)
+    for f in range(len(fitted)):
+        put_vector(driven[f], applied(field, vector_of(fitted[f])))
+        put_vector(change[f], ZERO)
+    turn_off(driven, fitted, applied(inverse, summed_cross(of_r, driven)))
+    move_modes(body, undeformed, target, scratch)
+    if dot(omega, omega) > SLOW_TURN * body['stiffnesses'][FOLLOWED]:
+        # again, with its change: constant, it would act half a tick too late. Of the second
+        # moments those with q, beside which the others are small
+        moved, torque = rr, ZERO
+        for f in range(LINEAR):
+            weighted = ZERO
+            for k in range(len(fitted)):
+                weighted = along(weighted, shape['gram'][f, k], vector_of(of_x[k]))
+            put_vector(change[f], weighted)
+            moved = added(moved, outer(weighted, vector_of(of_x[f])))
+            moved = combined(1.0, moved, -1.0, outer(vector_of(of_r[f]), vector_of(fitted[f])))
+        moved = combined(0.5, moved, 0.5, transposed(moved))
+        after = inverse_inertia_of(moved, shape['scale'])
+        # in axes that turn with the body
+        spin = applied_transposed(rotation_by(scaled(h, omega)), spin)
+        field = centrifugal_field(body, applied(after, spin))
+        for f in range(len(fitted)):
+            weighted, at_end = vector_of(change[f]), applied(field, vector_of(of_x[f]))
+            if f < LINEAR:
+                torque = plus(torque, cross(weighted, at_end))
+            put_vector(change[f], at_end)
+        turn_off(change, of_x, applied(after, torque))
+        for f in range(len(fitted)):
+            at_end = minus(vector_of(change[f]), vector_of(driven[f]))
+            put_vector(change[f], scaled(1.0 / h, at_end))
+        move_modes(body, undeformed, target, scratch)
+
+
+@helper
+def turn_off(driven: np.ndarray, fitted: np.ndarray, angular_acceleration: Vector) -> None:
+    """Subtract from the acceleration of a transform what turns it: that is a rigid motion."""
+    for f in range(len(driven)):
+        rigid = cross(angular_acceleration, vector_of(fitted[f]))
+        put_vector(driven[f], minus(vector_of(driven[f]), rigid))
+
+
+@helper
+def move_modes(body: np.void, undeformed: Matrix, target: float, scratch: np.ndarray) -> None:
+    """
+    Move the modes of the transform under an acceleration that changes linearly.
+
+    Parameters
+    ----------
+    body : BODY
+    undeformed : matrix
+        P, m
+    target : float
+        component of the nearest fit of the rest volume along the gradient of volume, m
+    scratch : (10, F, 3) float
+        see `advance_fit`; the ninth is the acceleration at the start, m/s², the tenth its
+        change, m/s³
+
+    """
+    fitted, of_x, of_s, direction = scratch[2], scratch[3], scratch[4], scratch[5]
+    of_u, dual, driven, change = scratch[6], scratch[7], scratch[8], scratch[9]
+    followed, breathing = blended_response(body, FOLLOWED), blended_response(body, BREATHING)
+    columns = transposed(undeformed)
+    # along the volume gradient: start, equilibria, and what differs from the other directions
+    at, speed = scalar_product(dual, fitted), scalar_product(dual, of_u)
+    driving, growth = scalar_product(dual, driven), scalar_product(dual, change)
+    rest = dot(vector_of(dual[0]), columns[0])
+    rest += dot(vector_of(dual[1]), columns[1]) + dot(vector_of(dual[2]), columns[2])
+    lacking = (1.0 - body['degeneracy']) * body['volume_share'] * (target - rest)
+    more_x = lacking + breathing[0] * (at - rest - lacking) - followed[0] * (at - rest)
+    more_x += (breathing[1] - followed[1]) * speed + (breathing[4] - followed[4]) * driving
+    more_x += (breathing[6] - followed[6]) * growth
+    more_v = breathing[2] * (at - rest - lacking) - followed[2] * (at - rest)
+    more_v += (breathing[3] - followed[3]) * speed + (breathing[5] - followed[5]) * driving
+    more_v += (breathing[4] - followed[4]) * growth
+
+    for f in range(len(fitted)):
+        p = columns[f] if f < LINEAR else ZERO
+        u, k, rate = vector_of(of_u[f]), vector_of(driven[f]), vector_of(change[f])
+        deviation, along_gradient = minus(vector_of(fitted[f]), p), vector_of(direction[f])
+        moved = along(along(p, followed[0], deviation), followed[1], u)
+        moved = along(along(moved, followed[4], k), followed[6], rate)
+        put_vector(of_x[f], along(moved, more_x, along_gradient))
+        moved = along(scaled(followed[2], deviation), followed[3], u)
+        moved = along(along(moved, followed[5], k), followed[4], rate)
+        put_vector(of_s[f], along(moved, more_v, along_gradient))
+
+
+@helper
+def put_map(
+    rows_of_map: np.ndarray,
+    of_r: Matrix,
+    of_v: Matrix,
+    constant: Vector,
+    mean: Vector,
+    velocity: Vector,
+) -> None:
+    """Write constant + A (y − mean) + B (v − V) as shift + A y + B v."""
+    shift = minus(minus(constant, applied(of_r, mean)), applied(of_v, velocity))
+    put_vector(rows_of_map[0], shift)
+    put_matrix(rows_of_map[1:4], of_r)
+    put_matrix(rows_of_map[4:7], of_v)
+
+
+@helper
+def keep_mean(rows_of_map: np.ndarray, shape: np.void, features: int) -> None:
+    """
+    Subtract from the constant of a map what rounding of the rest shape adds to the mean.
+
+    Means of features are not quite 0 and the sum of the weights not quite 1: as these are the same
+    in each tick, momentum would change steadily.
+    """
+    constant = vector_of(rows_of_map[0])
+    constant = along(constant, -shape['weight_rounding'], constant)
+    for f in range(features):
+        constant = along(constant, -shape['feature_rounding'][f], vector_of(rows_of_map[7 + f]))
+    put_vector(rows_of_map[0], constant)
+
+
+@helper
+def rotation_by(a: Vector) -> Matrix:
+    """
+    Return the rotation about a by |a| radians, by operations with the same rounding everywhere.
+
+    A unit quaternion, by power series of the sine and cosine of an angle that is halved until it
+    is small, and then doubled.
+    """
+    size = dot(a, a)
+    if size > LARGEST_TURN * LARGEST_TURN:
+        factor = LARGEST_TURN / math.sqrt(size)
+        a, size = scaled(factor, a), LARGEST_TURN * LARGEST_TURN
+    z, halvings = 0.25 * size, 0
+    while z > 0.25 and halvings < 32:
+        z *= 0.25
+        halvings += 1
+    sine = cosine = 1.0
+    for k in range(len(SERIES)):
+        sine = 1.0 - z * SERIES[k][0] * sine
+        cosine = 1.0 - z * SERIES[k][1] * cosine
+    for _ in range(halvings):
+        # of the double angle: sin 2φ / 2φ and cos 2φ
+        sine, cosine = sine * cosine, 1.0 - 2.0 * z * sine * sine
+        z *= 4.0
+    x, y, w = 0.5 * sine * a[0], 0.5 * sine * a[1], cosine
+    s = 0.5 * sine * a[2]
+    factor = 2.0 / (w * w + x * x + y * y + s * s)
+    return (
+        (1.0 - factor * (y * y + s * s), factor * (x * y - w * s), factor * (x * s + w * y)),
+        (factor * (x * y + w * s), 1.0 - factor * (x * x + s * s), factor * (y * s - w * x)),
+        (factor * (x * s - w * y), factor * (y * s + w * x), 1.0 - factor * (x * x + y * y)),
+    )
+
+
+# ------------------------------------------------------------------------------------------ write
+@helper
+def write(
+    x: np.ndarray,
+    v: np.ndarray,
+    body: np.void,
+    shape: np.void,
+    q: np.ndarray,
+    new_x: np.ndarray,
+    new_v: np.ndarray,
+) -> None:
+    """Write the particles after the tick by the map of a body."""
+    of_x, of_v = body['map'][0], body['map'][1]
+    shift, drift = vector_of(of_x[0]), vector_of(of_v[0])
+    x_of_y, x_of_u, x_of_q = matrix_of(of_x[1:4]), matrix_of(of_x[4:7]), linear_block(of_x[7:])
+    v_of_y, v_of_u, v_of_q = matrix_of(of_v[1:4]), matrix_of(of_v[4:7]), linear_block(of_v[7:])
+    square_x, square_v = linear_block(of_x[10:]), linear_block(of_v[10:])
+    mixed_x, mixed_v = linear_block(of_x[13:]), linear_block(of_v[13:])
+    is_soft, is_quadratic = body['mode'] != RIGID, body['mode'] > 1
+    if is_quadratic:
+        for f in range(LINEAR, 9):
+            shift = along(shift, -shape['feature_means'][f], vector_of(of_x[7 + f]))
+            drift = along(drift, -shape['feature_means'][f], vector_of(of_v[7 + f]))
+    first, rest = body['first'], shape['first'] - body['first']
+    end, origin = first + body['count'], vector_of(body['origin'])
+    for i in range(first, end, LANES):
+        left = end - i
+        point = vectors_at(q, rest + i, left)
+        to_x, to_v = plus(shift, applied(x_of_q, point)), plus(drift, applied(v_of_q, point))
+        if is_soft:
+            y, u = minus(vectors_at(x, i, left), origin), vectors_at(v, i, left)
+            to_x = plus(to_x, plus(applied(x_of_y, y), applied(x_of_u, u)))
+            to_v = plus(to_v, plus(applied(v_of_y, y), applied(v_of_u, u)))
+        if is_quadratic:
+            square, mixed = squares(point), mixed_products(point)
+            to_x = plus(to_x, plus(applied(square_x, square), applied(mixed_x, mixed)))
+            to_v = plus(to_v, plus(applied(square_v, square), applied(mixed_v, mixed)))
+        put_vectors(new_x, i, left, to_x)
+        put_vectors(new_v, i, left, to_v)
+
+
+# ------------------------------------------------------------------------------- single particles
+@helper
+def mapped(
+    body: np.void,
+    of: np.ndarray,
+    shape: np.void,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    i: int,
+) -> Vector:
+    """Return one of the maps of a body at particle i of the world, from the start x, v."""
+    result = vector_of(of[0])
+    y, u = minus(column_of(x, i), vector_of(body['origin'])), column_of(v, i)
+    result = plus(result, applied(matrix_of(of[1:4]), y))
+    result = plus(result, applied(matrix_of(of[4:7]), u))
+    rest_q, means = column_of(q, shape['first'] + i - body['first']), shape['feature_means']
+    result = plus(result, applied(linear_block(of[7:]), rest_q))
+    if body['mode'] > 1:
+        square = minus(squares(rest_q), vector_of(means[3:]))
+        mixed = minus(mixed_products(rest_q), vector_of(means[6:]))
+        result = plus(result, applied(linear_block(of[10:]), square))
+        result = plus(result, applied(linear_block(of[13:]), mixed))
+    return result
+
+
+@helper
+def position_after(
+    body: np.void, shape: np.void, q: np.ndarray, x: np.ndarray, v: np.ndarray, i: int
+) -> Vector:
+    """
+    Return the position of particle i of the world after the flight of its body, m.
+
+    Parameters
+    ----------
+    body : BODY
+        after `fly`
+    shape : SHAPE
+    q : (3, M) float
+        of all rest shapes
+    x, v : (3, N) float
+        at the start of the tick
+    i : int
+
+    """
+    return mapped(body, body['map'][0], shape, q, x, v, i)
+
+
+@helper
+def velocity_after(
+    body: np.void, shape: np.void, q: np.ndarray, x: np.ndarray, v: np.ndarray, i: int
+) -> Vector:
+    """Return the velocity of a particle after the flight of its body, see `position_after`."""
+    return mapped(body, body['map'][1], shape, q, x, v, i)
+
+
+@helper
+def start_position(body: np.void, x: np.ndarray, i: int) -> Vector:
+    """
+    Return x̂ = c' + E (x − c) of particle i, m: the start shape, moved as the rigid body is.
+
+    A force that is constant over the tick acts on this shape: in rest it is the one at the end.
+    """
+    arm = minus(column_of(x, i), vector_of(body['start_centre']))
+    return plus(vector_of(body['centre']), applied(matrix_of(body['turn']), arm))
+
+
+@helper
+def whiten(body: np.void, shape: np.void, moments: np.ndarray, result: np.ndarray) -> None:
+    """
+    Write moments Σ w ψ aᵀ with whitened features of moments Σ w f aᵀ.
+
+    Parameters
+    ----------
+    body : BODY
+    shape : SHAPE
+    moments, result : (9, 3) float
+        the moments of a BODY record: 3 rows are used in mode linear, all in mode quadratic
+
+    """
+    if body['mode'] > 1:
+        multiply(shape['whitening_quadratic'], moments, result)
+    else:
+        multiply(shape['whitening_linear'], moments[:LINEAR], result[:LINEAR])
+
+
+@helper
+def whitened_features(
+    body: np.void, shape: np.void, q: np.ndarray, i: int, psi: np.ndarray
+) -> int:
+    """
+    Write the features ψ of particle i of the world with Σ w ψ ψᵀ = 1, and return their number.
+
+    Those in place of combinations of features that the shape does not span are 0.
+
+    Parameters
+    ----------
+    body : BODY
+    shape : SHAPE
+    q : (3, M) float
+        of all rest shapes
+    i : int
+    psi : (9,) float
+
+    """
+    rest_q, means = column_of(q, shape['first'] + i - body['first']), shape['feature_means']
+    if body['mode'] == RIGID:
+        return 0
+    if body['mode'] == 1:
+        for k in range(LINEAR):
+            psi[k] = dot(vector_of(shape['whitening_linear'][k]), rest_q)
+        return LINEAR
+    square = minus(squares(rest_q), vector_of(means[3:]))
+    mixed = minus(mixed_products(rest_q), vector_of(means[6:]))
+    for k in range(9):
+        row = shape['whitening_quadratic'][k]
+        psi[k] = dot(vector_of(row), rest_q) + dot(vector_of(row[3:]), square)
+        psi[k] += dot(vector_of(row[6:]), mixed)
+    return 9
