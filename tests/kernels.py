@@ -83,7 +83,7 @@ def nearest_volumes(transform, shape, result):
     scratch = np.empty((2, transform.shape[1], 3))
     for k in range(len(transform)):
         result[k, -1, 0] = matching.move_to_rest_volume(
-            transform[k], shape[0], result[k, :-1], scratch[0], scratch[1]
+            transform[k], shape[0], result[k, :-1], scratch[0], scratch[1], 1.0
         )
 
 

@@ -24,7 +24,7 @@ def begun(code, folder=ROOT, **environment):
 
 def finished(process):
     """Return what a process has printed; it must not have failed."""
-    output, errors = process.communicate(timeout=600)
+    output, errors = process.communicate(timeout=3000)
     assert process.returncode == 0, errors
     return output
 

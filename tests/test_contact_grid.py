@@ -60,7 +60,7 @@ def test_without_gravity_each_damped_body_finds_its_shape(dropped):
 def test_undamped_oscillations_stay_bounded_by_their_start():
     """Goals scaled to their volume, which have no potential, let them grow to twice their size."""
     undamped = grid(
-        stiffness=(0.05, 0.2, 1.0), bounciness=(1.0,), deformation=(0.5, 0.9), elasticity=(0.5,)
+        stiffness=(0.05, 0.2, 1.0), bounciness=(1.0,), deformation=(0.5, 0.9), elasticity=(1.0,)
     )
     world = World(drop_config(undamped, subdivisions=2))
     world.step(240 * 3)

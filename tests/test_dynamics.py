@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The step: the published scheme, step independence, conservation, stability, fall and bounce."""
+"""The step: step independence, conservation, stability, fall and bounce."""
 
 import dataclasses
 import itertools
@@ -36,96 +36,6 @@ from softbody_ros.core.shape_matching.gains import (
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')
 REFERENCE = 1 / 120
-
-
-# --------------------------------------------------------------------------- the published scheme
-class Published:
-    """
-    Müller et al. 2005 written down anew: v += α (g − x) / h + h f / m, then x += h v.
-
-    Least squares instead of moments, triangles instead of a cubic form for the volume.
-    """
-
-    def __init__(self, surface, mode, alpha, beta, volume_conservation, h, gravity):
-        a, b, c = surface.vertices[surface.faces.T]
-        share = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        self.w = np.zeros(len(surface.vertices))
-        for corner in surface.faces.T:
-            np.add.at(self.w, corner, share)
-        self.w /= self.w.sum()
-        self.faces, self.mode, self.alpha, self.beta = surface.faces, mode, alpha, beta
-        self.volume_conservation, self.h, self.gravity = volume_conservation, h, gravity
-        self.q = surface.vertices - self.w @ surface.vertices
-        x, y, z = self.q.T
-        self.f = self.q
-        if mode == 'quadratic':
-            products = np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
-            self.f = np.hstack([self.q, products - self.w @ products])
-        self.rest_volume = enclosed_volume(self.q, self.faces)
-
-    def goals(self, x):
-        middle = self.w @ x
-        p = x - middle
-        u, _, vt = np.linalg.svd((p * self.w[:, None]).T @ self.q)
-        R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-        root = np.sqrt(self.w)[:, None]
-        fit = np.linalg.lstsq(root * self.f, root * p, rcond=None)[0].T
-        nearest = self.f @ fit.T
-        followed = nearest + self.volume_conservation * (self.of_rest_volume(nearest) - nearest)
-        return middle + self.beta * followed + (1 - self.beta) * self.q @ R.T
-
-    def of_rest_volume(self, goal):
-        """Return the nearest shape of the rest volume that the features know, by two steps."""
-        near, root = goal, np.sqrt(self.w)[:, None]
-        for _ in range(2):
-            normals = np.zeros_like(goal)
-            for turn in range(3):
-                here, after, last = np.roll(self.faces, turn, axis=1).T
-                np.add.at(normals, here, np.cross(near[after], near[last]) / 6)
-            fit = np.linalg.lstsq(root * self.f, normals / root, rcond=None)[0]
-            direction = self.f @ fit
-            size = np.cbrt(enclosed_volume(near, self.faces) / self.rest_volume)
-            way = 3 * size**2 * (1 - size) * self.rest_volume + np.sum(normals * (near - goal))
-            near = goal + way / np.sum(normals * direction) * direction
-        return near
-
-    def pull(self, x):
-        return self.alpha * (self.goals(x) - x) / self.h
-
-    def step(self, x, v):
-        v = v + self.pull(x) + self.h * self.gravity
-        return x + self.h * v, v
-
-
-@pytest.mark.parametrize('volume_conservation', [0.0, 1.0])
-@pytest.mark.parametrize('beta', [0.0, 0.5, 0.9])
-@pytest.mark.parametrize('mode', SOFT)
-def test_without_damping_at_the_reference_step_it_is_the_published_scheme(
-    mode, beta, volume_conservation
-):
-    surface, gravity = sheared_box(), np.array([0.0, 0.0, -9.81])
-    config = body(
-        surface,
-        mode=mode,
-        stiffness=0.4,
-        bounciness=1.0,
-        deformation=beta,
-        volume_conservation=volume_conservation,
-    )
-    world = floating(config, h=REFERENCE, gravity=9.81)
-    published = Published(surface, mode, 0.4, beta, volume_conservation, REFERENCE, gravity)
-    disturbed(world, seed=3, shape=0.05, speed=0.3)
-    x, v = world.positions('body'), world.velocities('body')
-    # the velocities of the two are staggered by one correction and half a tick of gravity
-    world.set_state('body', velocities=v + published.pull(x) + REFERENCE * gravity / 2)
-    size = np.abs(published.q).max()
-    for _ in range(200):
-        world.step()
-        x, v = published.step(x, v)
-        # two steps to the rest volume leave a trace of torque, and ours is taken away
-        tolerance = 1e-5 if volume_conservation else 1e-10
-        assert np.abs(world.positions('body') - x).max() < tolerance * size
-    assert np.abs(x - published.goals(x)).max() > 0.01 * size
 
 
 # ------------------------------------------------------------------------------ step independence
@@ -174,24 +84,41 @@ def wrinkle(q, weights):
     return pattern - known @ np.linalg.lstsq(root * known, root * pattern, rcond=None)[0]
 
 
+def free_swing(omega, zeta, times):
+    """Return the displacement of a damped oscillator that starts from 1 without velocity."""
+    decay = np.exp(-zeta * omega * times)
+    if zeta == 1.0:
+        return decay * (1.0 + omega * times)
+    damped = math.sqrt(1.0 - zeta**2) * omega
+    return decay * (np.cos(damped * times) + zeta * omega / damped * np.sin(damped * times))
+
+
+def law_of(deviation, config):
+    """Return the frequency, rad/s, and the damping ratio of a deviation of a body."""
+    omega = natural_frequency(config.stiffness, REFERENCE)
+    followed = natural_frequency((1.0 - config.deformation) * config.stiffness, REFERENCE)
+    zeta, kept = damping_ratio(config.bounciness), config.volume_conservation
+    if deviation is wrinkle:
+        return 3.0 * omega, max(zeta, 0.7)
+    if deviation is stretch or kept == 0.0 or followed == omega:
+        return followed, zeta
+    assert kept == 1.0
+    return 3000.0, 1.0
+
+
 @pytest.mark.parametrize(
-    ('deviation', 'followed', 'volume_conservation'),
-    [
-        (stretch, True, 0.0),
-        (stretch, True, 1.0),
-        (breathing, True, 0.0),
-        (breathing, False, 1.0),
-        (wrinkle, False, 1.0),
-    ],
+    ('deviation', 'volume_conservation'),
+    [(stretch, 0.0), (stretch, 1.0), (breathing, 0.0), (breathing, 1.0), (wrinkle, 1.0)],
 )
 @pytest.mark.parametrize('mode', SOFT)
 @pytest.mark.parametrize(
     ('stiffness', 'bounciness', 'beta'),
     [(0.5, 0.5, 0.5), (0.1, 0.9, 0.3), (0.9, 0.2, 0.8), (0.5, 1.0, 0.0)],
 )
-def test_frequency_and_decay_are_those_of_the_parameters_at_any_step(
-    mode, deviation, followed, volume_conservation, stiffness, bounciness, beta
+def test_deviations_swing_as_the_oscillators_of_the_parameters_at_any_step(
+    mode, deviation, volume_conservation, stiffness, bounciness, beta
 ):
+    """What the goal follows, what no goal follows, and the volume of what is incompressible."""
     config = body(
         'box',
         subdivisions=2,
@@ -201,14 +128,11 @@ def test_frequency_and_decay_are_those_of_the_parameters_at_any_step(
         deformation=beta,
         volume_conservation=volume_conservation,
     )
-    felt = (1 - beta) * stiffness if followed else stiffness
-    omega = math.acos(1 - felt / 2) / REFERENCE
-    zeta = -math.log(bounciness) / math.hypot(math.pi, math.log(bounciness))
+    omega, zeta = law_of(deviation, config)
     for h in (1 / 60, 1 / 240, 1 / 960):
-        amplitudes = history(config, h, deviation, seconds=max(0.1, 3 / (zeta * omega + 10)))
-        frequency, decay = frequency_and_decay(amplitudes, h)
-        assert frequency == pytest.approx(omega * math.sqrt(1 - zeta**2), rel=0.005)
-        assert decay == pytest.approx(omega * zeta, rel=0.005, abs=1e-3 * omega)
+        amplitudes = history(config, h, deviation, seconds=0.3)
+        expected = free_swing(omega, zeta, h * np.arange(len(amplitudes)))
+        assert amplitudes == pytest.approx(expected, abs=2e-3)
 
 
 @pytest.mark.parametrize('bounciness', [0.2, 0.5, 0.8])
@@ -352,17 +276,36 @@ def test_the_centre_of_mass_moves_in_a_straight_line(mode):
     assert centre(world) == pytest.approx(start + 500 / 240 * velocity, abs=1e-11)
 
 
+def onto_the_line(world):
+    """Project positions and velocities of a body such that it is a line that moves as one."""
+    weights = world.rest_shape('body').weights
+    x, v = world.positions('body'), world.velocities('body')
+    middle, drift = weights @ x, weights @ v
+    axis = np.linalg.svd(x - middle)[2][0]
+    along = (x - middle) @ axis
+    turning = np.cross(along @ (weights[:, None] * v) / (weights @ along**2), axis)
+    stretching = (v - drift) @ axis
+    v = drift + np.outer(stretching, axis) + np.outer(along, np.cross(axis, turning))
+    world.set_state('body', middle + np.outer(along, axis), v)
+
+
 @pytest.mark.parametrize('name', rank_deficient_shapes())
 @pytest.mark.parametrize('mode', MODES)
 def test_shapes_that_span_little_keep_their_momentum_too(name, mode):
     world = floating(body(rank_deficient_shapes()[name], mode=mode), h=1 / 240)
     disturbed(world, seed=6, shape=0.05)
+    if name == 'rod':
+        # what is left of its width, which nothing holds, would have to spin ever faster
+        onto_the_line(world)
     if mode == 'rigid':
         world.step()
     linear, spin = momentum(world), angular_momentum(world)
     world.step(200)
-    assert momentum(world) == pytest.approx(linear, abs=1e-12)
-    assert angular_momentum(world) == pytest.approx(spin, rel=1e-6, abs=1e-9)
+    # rounding of the few particles, of accelerations ω² r for residuals in each tick
+    residual = 3.0 * natural_frequency(0.5, REFERENCE)
+    rounding = 200 * np.finfo(float).eps * residual**2 / 240 * world.rest_shape('body').scale
+    assert momentum(world) == pytest.approx(linear, abs=rounding)
+    assert angular_momentum(world) == pytest.approx(spin, abs=1e-11)
 
 
 @pytest.mark.parametrize('mode', SOFT)
@@ -450,13 +393,18 @@ def test_damping_does_not_hold_up_a_body_that_flies_and_turns(mode, damping):
 @pytest.mark.parametrize('bounciness', [0.0, 0.5, 1.0])
 @pytest.mark.parametrize('mode', SOFT)
 def test_at_full_damping_nothing_swings(mode, bounciness, deviation):
-    for stiffness in (0.5, 1.0):
-        config = body(mode=mode, stiffness=stiffness, bounciness=bounciness, damping=1.0)
+    """Each tick begins without velocity of deformation, and is critically damped."""
+    for stiffness, beta in itertools.product((0.5, 1.0), (0.0, 0.5)):
+        config = body(
+            mode=mode, stiffness=stiffness, bounciness=bounciness, deformation=beta, damping=1.0
+        )
+        omega = law_of(deviation, config)[0]
         for h in (1 / 60, 1 / 120, 1 / 240):
             amplitudes = history(config, h, deviation)
             assert np.all(amplitudes > -1e-6)
             assert np.all(np.diff(amplitudes) < 1e-6)
-            assert amplitudes[-1] < 0.01
+            stays = free_swing(omega, 1.0, h)
+            assert amplitudes == pytest.approx(stays ** np.arange(len(amplitudes)), abs=1e-3)
 
 
 def test_full_damping_leaves_the_rigid_motion_only():
@@ -573,13 +521,19 @@ def test_falling_deforms_nothing():
     assert rms_displacement(world) < 1e-12
 
 
-def test_mass_does_not_change_the_motion():
-    worlds = [
-        World(WorldConfig(bodies=(BodyConfig(mass=mass, subdivisions=1),))) for mass in (1, 70)
-    ]
-    for world in worlds:
+@pytest.mark.parametrize('mode', MODES)
+def test_mass_does_not_change_the_motion(mode):
+    """To the last bit where its square root is a power of two, and else but for rounding."""
+    one, four, much = (
+        World(WorldConfig(bodies=(BodyConfig(mass=mass, mode=mode, subdivisions=1),)))
+        for mass in (1.0, 4.0, 70.0)
+    )
+    for world in (one, four, much):
         world.step(300)
-    assert np.array_equal(worlds[0].positions('body'), worlds[1].positions('body'))
+    place = one.positions('body')
+    assert -1e-3 < place[:, 2].min() < 0.1
+    assert np.array_equal(four.positions('body'), place)
+    assert np.abs(much.positions('body') - place).max() < 1e-12
 
 
 # ------------------------------------------------------------------------------ bounce and settle
@@ -605,8 +559,27 @@ def drop(mesh='icosphere', subdivisions=3, height=1.0, h=1 / 240, **values):
     return WorldConfig(time_step=h, bodies=(ball,))
 
 
-@pytest.mark.parametrize('mode', SOFT)
-def test_a_dropped_ball_is_an_egg_at_impact_and_settles_as_the_original_sphere(mode):
+def depth_at_rest(config, features):
+    """
+    Return how much lower the centre of a ball of radius 0.5 m is at rest, by its weight, m.
+
+    Its modes yield at the lowest point by g Σ ψ² / ω²; but for the one that is incompressible.
+    Residuals make a flat spot of the depth d, in which they carry g = ω² d² / (4 r).
+    """
+    omega, radius = natural_frequency(config.stiffness, REFERENCE), 0.5
+    followed = natural_frequency((1.0 - config.deformation) * config.stiffness, REFERENCE)
+    flat = 2.0 * math.sqrt(9.81 * radius) / (3.0 * omega)
+    return (features - 1) * 9.81 / followed**2 + flat
+
+
+@pytest.mark.parametrize(
+    ('mode', 'features', 'egg'),
+    # Σ ψ² at the surface: the harmonics of order 1, and those of order 2
+    [('linear', 3, 0.08), ('quadratic', 3 + 5, 0.1)],
+)
+def test_a_dropped_ball_is_an_egg_at_impact_and_settles_as_the_original_sphere(
+    mode, features, egg
+):
     world = World(drop(mode=mode))
     height, shape = [], []
     for _ in range(2400):
@@ -616,13 +589,16 @@ def test_a_dropped_ball_is_an_egg_at_impact_and_settles_as_the_original_sphere(m
         shape.append(rms_displacement(world, 'ball'))
     height = np.array(height)
     first_low = np.flatnonzero(np.diff(height) > 0)[0]
-    assert max(shape[:first_low]) > 0.1
+    assert max(shape[:first_low]) > egg
     assert height[first_low] < 0.4
     assert height[first_low:].max() - 0.5 > 0.1
     # at rest: the sphere it was, standing on the ground, its reported velocity small too
     assert shape[-1] < 0.015
-    assert height[-1] == pytest.approx(0.5, abs=0.025)
-    assert 240 * np.abs(world.positions('ball') - before).max() < 1e-3
+    depth = depth_at_rest(world.body_config('ball'), features)
+    assert 0.5 - height[-1] == pytest.approx(depth, rel=0.07)
+    assert world.positions('ball')[:, 2].min() == pytest.approx(0.0, abs=1e-5)
+    assert world.is_asleep('ball')
+    assert np.array_equal(world.positions('ball'), before)
     assert not world.velocities('ball').any()
 
 
@@ -636,12 +612,20 @@ def test_the_height_does_not_depend_on_the_resolution(mode):
 @pytest.mark.parametrize('mode', MODES)
 def test_the_height_hardly_depends_on_the_step(mode):
     # a coarse rigid ball is a die: which face it falls on in the end is another matter
-    runs = [
+    coarsest, coarse, fine, finest = (
         heights(drop(subdivisions=3, h=1 / hertz, mode=mode), 1.5, every=hertz // 60)[0]
-        for hertz in (60, 240, 960)
-    ]
-    assert np.abs(runs[0] - runs[2]).max() < 0.05
-    assert np.abs(runs[1] - runs[2]).max() < 0.02
+        for hertz in (60, 120, 240, 960)
+    )
+    assert np.abs(coarse - finest).max() < 0.03
+    assert np.abs(fine - finest).max() < 0.01
+    if mode == 'rigid':
+        assert np.abs(coarsest - finest).max() < 0.03
+    else:
+        # particles stop at the ground once in each tick: ticks that are long compared with the
+        # impact lose up to 7 % more of its energy, and never gain any
+        jump, wanted = (each[40:].max() for each in (coarsest, finest))
+        assert wanted - 0.07 < jump < wanted
+        assert np.abs(coarsest[:30] - finest[:30]).max() < 0.01
 
 
 # ------------------------------------------------------------------------------------------ batch

@@ -363,8 +363,14 @@ def test_whoever_is_pushed_is_awake_and_nobody_else():
     world.step(480)
     assert world.is_asleep('other')
     world.apply_wrench('other', (0.0, 0.0, 40.0), (0.0,) * 3, 0.1)
+    before = world.contact_impulse('other').impulse
     world.step(24)
-    np.testing.assert_allclose(momentum(world, 'other'), [0.0, 0.0, 4.0 - 0.981], atol=0.01)
+    # the ground pushes, too, as long as the body, which its weight has pressed, recovers
+    ground = world.contact_impulse('other').impulse - before
+    assert 0.0 < ground[2] < 0.05
+    np.testing.assert_allclose(
+        momentum(world, 'other'), [0.0, 0.0, 4.0 - 0.981] + ground, atol=1e-12
+    )
     assert bytes_of(world) != asleep
 
 
@@ -379,7 +385,12 @@ def test_shapes_without_inertia_can_be_turned_where_they_can():
     rod = floating(body(cloud(np.linspace((-0.5, 0.0, 0.0), (0.5, 0.0, 0.0), 9))))
     rod.apply_wrench('body', (1.0, 0.0, 0.0), (12.0, 1.2, 0.0), 1 / 120)
     rod.step()
-    np.testing.assert_allclose(angular_momentum(rod), [0.0, 0.01, 0.0], atol=1e-12)
+    # all but what would turn it about itself, as it lies after the tick
+    x = rod.positions('body')
+    axis = (x[-1] - x[0]) / np.linalg.norm(x[-1] - x[0])
+    given = np.array([0.1, 0.01, 0.0])
+    np.testing.assert_allclose(angular_momentum(rod), given - given @ axis * axis, atol=1e-12)
+    np.testing.assert_allclose(angular_momentum(rod), [0.0, 0.01, 0.0], atol=5e-5)
     rod.step(60)
     assert np.isfinite(rod.positions('body')).all()
 

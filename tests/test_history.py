@@ -41,7 +41,7 @@ EVERYTHING = WorldConfig(
             position=(-3.0, 0.0, 0.8),
         ),
         ball('regions', subdivisions=2, regions_count=8, position=(-3.0, 3.0, 0.8)),
-        ball('dented', plasticity_creep=20.0, plasticity_yield=0.03, position=(-3.0, -3.0, 0.8)),
+        ball('dented', plasticity_creep=20.0, plasticity_yield=0.03, position=(6.0, -3.0, 0.8)),
         ball(
             'pinned',
             pins_indices=(0, 1),

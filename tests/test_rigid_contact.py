@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact.rows import MODES, ROW
+from softbody_ros.core.contact.problem import RIGID, Problem
+from softbody_ros.core.contact.rows import ROW
 from softbody_ros.core.contact.solver import solve
 
 G = 9.81
@@ -290,8 +291,17 @@ def test_nothing_depends_on_what_was_in_memory_before():
 # -------------------------------------------------------------------------- the contact problem
 @kernel
 def solve_all(rows, jacobian, members, tolerance, result):
-    modes = np.empty((3, members, MODES))
-    result[0], sweeps, steps = solve(rows, jacobian, members, tolerance, 1.0, modes)
+    problem = Problem(
+        rows,
+        jacobian,
+        np.full(members, RIGID),
+        np.empty(0),
+        np.empty((3, members, RIGID + 1)),
+        np.empty((2, 3, 0)),
+        np.empty((members, members, RIGID, RIGID)),
+        np.empty((members, members), np.bool_),
+    )
+    result[0], sweeps, steps = solve(problem, tolerance, 1.0)
     result[1], result[2] = sweeps, steps
 
 
@@ -323,10 +333,11 @@ def test_a_solution_meets_the_laws_of_contact(members, friction, seed):
     rows['base'][:, 0] = random.choice([0.0, 0.2], count)
     rows['radius'] = 0.0
     result = np.zeros(3)
-    solve_all(rows, jacobian, members, 1e-10, result)
+    room = np.full((count, 2, 3, 1), np.nan)
+    solve_all(rows, np.concatenate([jacobian, room], axis=3), members, 1e-10, result)
     assert result[0] <= 1e-10
     # the same operator, written independently
-    matrix = np.zeros((count, 3, members, MODES))
+    matrix = np.zeros((count, 3, members, RIGID))
     for k in range(count):
         matrix[k, :, rows['one'][k]] = jacobian[k, 0]
         if rows['two'][k] >= 0:

@@ -13,21 +13,20 @@ The simulator, a library on NumPy, SciPy, Numba and trimesh; no ROS.
 consists of arrays of the particles of all bodies, and a record of each body (body.py). A tick is a
 sequence of stages (step.py), each one or several kernels (compiled.py) over all awake bodies:
 
-1. shape_matching/flight.py, motion without contacts: predict positions and sum up moments
-   (moments, four particles at a time: lanes.py), match the rest shape (goals; eq. 7:
-   polar_decomposition; fit and volume: matching; regions; plasticity), pull towards the goal (eq.
-   9, 10: gains), restore momentum and angular momentum (rigid_motion).
-2. contact/body_body.py, contacts between bodies, and with points and edges of obstacles:
-   candidates by collision/broad_phase.py, contacts by collision/narrow_phase.py; then the loads of
-   piles (manifold), constraints between whole bodies (body_constraints), and impulses, friction
-   and position correction at each contact (particle_solver).
-3. contact/soft_obstacle.py, contact/rigid_obstacle.py, contacts with obstacles: found by
-   collision/obstacle_contacts.py, shapes in collision/shapes.py, meshes in geometry/bvh.py.
-4. contact/rigid_contact.py, all contacts of rigid bodies, in place of 2 and 3 where neither soft
-   nor pinned bodies take part: as rows (rows.py) of one problem for each island (solver.py), once
-   for positions and once for velocities. The equations are in docs/contact.md.
-5. shape_matching/pins.py: prescribed motion of pinned particles.
-6. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
+1. shape_matching/modal_flight.py, motion without contacts: sum up moments (moments, four particles
+   at a time: lanes.py), match the rest shape (eq. 7: polar_decomposition; fit and volume:
+   matching; plasticity), move each kind of deformation as the oscillator that it is (gains), and
+   the body as a rigid one (rigid_motion).
+2. contact/resolution.py, all contacts of bodies with obstacles, points and each other: found by
+   collision/obstacle_contacts.py (shapes in collision/shapes.py, meshes in geometry/bvh.py) and
+   collision/body_contacts.py (broad_phase, narrow_phase), as rows (rows.py) of one problem for
+   each island (problem.py), of bodies that yield by their modes (members.py), solved (solver.py,
+   newton.py) once for positions and once for velocities. The equations are in docs/contact.md.
+3. Bodies with regions or pins, and those near them, still follow laws of their own, in place of 1
+   and 2: shape_matching/flight.py (goals, regions, eq. 9, 10); contact/body_body.py, contacts
+   between bodies (manifold, body_constraints, particle_solver); contact/soft_obstacle.py and
+   contact/rigid_obstacle.py; shape_matching/pins.py, prescribed motion of pinned particles.
+4. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
 
 What contacts exert in a tick, each stage adds to the results of contact/exchange.py, which are
 integrated over time (contact_forces.py); mean_wrenches.py has the means for readers.

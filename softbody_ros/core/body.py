@@ -57,16 +57,20 @@ BODY = np.dtype(
         ('thickness', np.float64),  # m
         ('mass', np.float64),  # kg
         ('kappa', np.float64),  # frequency of the residual, relative to that of the stiffness
-        # of regular and of degenerate states; of followed modes, residual and change of volume
-        ('responses', np.float64, (2, 3, 7)),
+        # of regular states, degenerate ones, and of bodies that touch something; each of followed
+        # modes, residual and change of volume
+        ('responses', np.float64, (3, 3, 7)),
         ('stiffnesses', np.float64, (3,)),  # ω² of regular states, 1/s²
         ('volume_share', np.float64),  # of the stiffness against changes of volume
+        ('relaxation', np.float64),  # share of a change that is adopted in a tick
         ('pins_linear', np.float64, (3,)),  # m/s
         ('pins_angular', np.float64, (3,)),  # rad/s
         # applied wrench per mass, in world axes and in body axes: force, m/s², and torque, m²/s²
         ('has_wrench', np.bool_),
         ('wrench', np.float64, (2, 2, 3)),
         ('is_plastic', np.bool_),  # whether it has permanent deformation
+        # volume, of that at rest, by which contact has flattened it; halves as of `x`
+        ('flattened', np.float64, (2,)),
         ('flowed', np.bool_),  # whether some is new in the tick being computed
         # results of the tick
         ('degeneracy', np.float64),  # 0 … 1, see shape_matching/matching.py
@@ -86,6 +90,12 @@ BODY = np.dtype(
         # the same of the direction in which the volume changes, of size 1
         ('volume_moment', np.float64, (QUADRATIC_FEATURES, 3)),
         ('response', np.float64, (3, 2)),  # Γ₁, s², and Γ₂, s, of each kind of modes
+        # after the flight, of offsets p from the centre and velocities of deformation s
+        ('angular_velocity', np.float64, (3,)),  # rad/s
+        ('second_moments', np.float64, (3, 3)),  # Σ w p pᵀ, m²
+        ('inner_momentum', np.float64, (3,)),  # Σ w p × s, m²/s
+        ('offset_moment', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w f pᵀ, m
+        ('velocity_moment', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w f sᵀ, m/s
         # of positions and of velocities: shift; matrices on position and velocity at the start;
         # columns of the features
         ('map', np.float64, (2, 7 + QUADRATIC_FEATURES, 3)),

@@ -154,7 +154,9 @@ else:
 
     def _forwards(what: Any) -> Any:
         def result(one: _Plain, two: Any) -> _Plain:
-            return _Plain(map(what, one, two if isinstance(two, _Plain) else [two] * LANES))
+            # a NumPy number times lanes is an array
+            lanes = isinstance(two, (_Plain, np.ndarray))
+            return _Plain(map(what, one, two if lanes else [two] * LANES))
 
         return result
 

@@ -45,7 +45,7 @@ def velocity_change(
     impulse : float
         per mass of the body, m/s
     frequency : float
-        of the oscillations of the body, rad/s; 0 for a rigid one
+        of the oscillations of single particles, rad/s; 0 for a rigid body
 
     """
     falloff = 1.0 - ((x - point[:, None]) ** 2).sum(axis=0) / radius**2

@@ -59,6 +59,8 @@ class BodyState:
         particles with a normal force, and that of the last tick times its length, N s
     obstacle_impulse : (O, 2, 3) float or None
         see `State`; None without contacts
+    flattened : float
+        volume, of that at rest, by which contact has flattened it
 
     """
 
@@ -73,6 +75,7 @@ class BodyState:
     touched: np.ndarray
     normal_impulse: np.ndarray
     obstacle_impulse: np.ndarray | None
+    flattened: float
 
     @property
     def nbytes(self) -> int:
@@ -124,6 +127,8 @@ class ShapeTable:
     regions : (Q,) REGION
     member, features, weighted_features : (m,) int, (4, m), (4, m) float
         members of all regions, see `Regions`
+    first_corner, corners : (M + 1,) int, (2, s) int
+        where the faces around each particle begin, and their other corners
 
     """
 
@@ -153,6 +158,12 @@ class ShapeTable:
         self.regions = np.concatenate(records)
         self.weights = np.concatenate([np.zeros(0), *(rest.weights for rest in self.rests)])
         self.q = _side_by_side(3, [rest.q for rest in self.rests])
+        stars = [rest.stars() for rest in self.rests]
+        counts = np.concatenate([np.zeros(1, np.int64), *(count for count, _ in stars)])
+        self.first_corner = np.cumsum(counts)
+        self.corners = np.concatenate(
+            [np.zeros((2, 0), np.int32), *(corners for _, corners in stars)], axis=1
+        )
         self.member = np.concatenate(
             [np.zeros(0, np.int64), *(regions.particle for regions in divided)]
         )
@@ -185,7 +196,8 @@ class State:
     ----------
     bodies : (B,) BODY
     table : ShapeTable
-        and its arrays: shapes, weights, q, regions, member, features, weighted_features
+        and its arrays: shapes, weights, q, regions, member, features, weighted_features,
+        first_corner, corners
     x, v : (2, 3, N) float
         positions, m, and velocities, m/s, double-buffered: `now` of a body is the present half
     region_goals : (3, N) float
@@ -255,6 +267,7 @@ class State:
         self.shapes, self.weights, self.q = table.shapes, table.weights, table.q
         self.regions, self.member = table.regions, table.member
         self.features, self.weighted_features = table.features, table.weighted_features
+        self.first_corner, self.corners = table.first_corner, table.corners
         pinned = [np.zeros(0, np.int64)]
         first_pin = 0
         for record, body in zip(self.bodies, bodies, strict=True):
@@ -336,6 +349,7 @@ class State:
         """Sum up the contacts of a body anew, from a tick on."""
         self._put_exchange(index, None, np.zeros(0, np.int64), np.zeros(0))
         self.reaction[index] = self.bodies['total'][index] = 0.0
+        self.bodies['flattened'][index] = 0.0
         self.since[index] = tick
 
     def normal_impulses(self, index: int) -> np.ndarray:
@@ -379,6 +393,7 @@ class State:
             touched,
             normal_impulse[touched],
             self.obstacle_impulses(index).copy() if touches else None,
+            float(self.bodies['flattened'][index, self.bodies['now'][index]]),
         )
 
     def restore(self, index: int, saved: BodyState) -> None:
@@ -389,6 +404,7 @@ class State:
         self.anchor[:, self.columns(index)] = saved.anchor
         self.still_samples[index] = saved.still_samples
         self.since[index], self.bodies['total'][index] = saved.since, saved.total
+        self.bodies['flattened'][index] = saved.flattened
         self._put_exchange(index, saved.obstacle_impulse, saved.touched, saved.normal_impulse)
 
 

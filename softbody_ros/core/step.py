@@ -17,13 +17,14 @@ from softbody_ros.core.collision.obstacle_contacts import CONTACT
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact import body_body, rigid_contact, rigid_obstacle, soft_obstacle
+from softbody_ros.core.contact import body_body, resolution, rigid_obstacle, soft_obstacle
 from softbody_ros.core.contact.contact_state import FixedPoints
 from softbody_ros.core.contact.exchange import accept_exchange, add_up
-from softbody_ros.core.contact.rows import MEMBER, MEMORY, NO_MEMORY, POINT_SET, ROW
+from softbody_ros.core.contact.members import MEMBER
+from softbody_ros.core.contact.rows import MEMORY, NO_MEMORY, POINT_SET, ROW
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
 from softbody_ros.core.geometry.bvh import Trees
-from softbody_ros.core.shape_matching import flight, pins
+from softbody_ros.core.shape_matching import flight, modal_flight, pins
 from softbody_ros.core.sleeping import NEAR, islands
 from softbody_ros.core.state import Body, State
 
@@ -107,6 +108,7 @@ class Integrator:
         most = int(state.bodies['count'].max(initial=0))
         self._contacts = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT)
         self._rows, self._memory = np.zeros(64, ROW), np.zeros(64, MEMORY)
+        self._places = np.full(state.x.shape[2], -1)
         self.work = np.zeros(3, np.int64)
         self._scratch = np.empty((7, len(self._contacts)))
         self.update()
@@ -116,7 +118,9 @@ class Integrator:
         mode = self._state.bodies['mode']
         pinned = np.flatnonzero(self._state.bodies['pins'])
         self._any_rigid, self._any_soft = bool((mode == 0).any()), bool((mode != 0).any())
-        self._by_laws = (mode != 0) | (self._state.bodies['pins'] > 0)
+        # those with pins or regions still follow the laws of release 0.1.0
+        bodies = self._state.bodies
+        self._by_laws = (bodies['pins'] > 0) | ((bodies['regions'] > 0) & (mode != 0))
         self._pinned_soft = pinned[mode[pinned] != 0]
         self._pinned_rigid = pinned[mode[pinned] == 0]
         # whether collisions between bodies, or self-collisions, are possible
@@ -142,10 +146,11 @@ class Integrator:
 
         """
         state, gravity = self._state, environment.gravity
-        self._predict_and_match(awake, gravity, h)
-        rigid, others = self._rigid_islands(awake)
+        modal, others = self._modal_islands(awake, gravity, h)
         memory = NO_MEMORY
+        self._fly(modal, gravity, h)
         if len(others):
+            self._predict_and_match(others, gravity, h)
             if self._any_pairs or environment.fixed_points:
                 body_body.resolve_body_contacts(
                     state, others, environment.surfaces, environment.fixed_points,
@@ -153,8 +158,8 @@ class Integrator:
                 )  # fmt: skip
             if len(environment.records):
                 self.resolve_obstacle_contacts(others, environment, h)
-        if len(rigid):
-            memory = self.resolve_rigid_contacts(rigid, environment, h)
+        if len(modal):
+            memory = self.resolve_contacts(modal, environment, h)
         self._hold_pins(awake, h)
         accept(
             state.bodies, awake, state.shapes, state.weights, state.x, h, state.reaction,
@@ -162,8 +167,10 @@ class Integrator:
         )  # fmt: skip
         state.contact_memory = memory
 
-    def _rigid_islands(self, awake: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Divide awake bodies: those that touch rigid ones without pins at most, and others."""
+    def _modal_islands(
+        self, awake: np.ndarray, gravity: np.ndarray, h: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Divide awake bodies: those that touch no pins and regions, and the others."""
         by_laws = self._by_laws[awake]
         if by_laws.all():
             return NOBODY, awake
@@ -171,37 +178,57 @@ class Integrator:
             return awake, NOBODY
         bodies, count = self._state.bodies, len(awake)
         low, high = np.empty((count, 3)), np.empty((count, 3))
-        margin = bodies['thickness'][awake] + NEAR * self._state.scales[awake]
-        bound_bodies(bodies, awake, self._state.x, 1, margin, low, high)
+        # not by the velocity in the record: after a change of the state that is an old one
+        velocities = (self._state.velocities(index) for index in awake.tolist())
+        way = h * (np.array([np.abs(v).max() for v in velocities]) + h * np.abs(gravity).max())
+        margin = bodies['thickness'][awake] + NEAR * self._state.scales[awake] + way
+        bound_bodies(bodies, awake, self._state.x, 0, margin, low, high)
         island = islands(count, *overlapping(low, high))
         has_others = np.zeros(count, dtype=bool)
         has_others[island[by_laws]] = True
         others = has_others[island]
         return awake[~others], awake[others]
 
-    def resolve_rigid_contacts(
+    def _fly(self, chosen: np.ndarray, gravity: np.ndarray, h: float) -> None:
+        state = self._state
+        failed = modal_flight.fly(
+            state.bodies, chosen, state.shapes, state.weights, state.q, state.x, state.v,
+            state.stretch, state.match_centre, state.match_posture, state.regions,
+            state.member, state.weighted_features, state.first_corner, state.corners,
+            state.normal_impulse, gravity, h,
+        )  # fmt: skip
+        if failed:
+            self._fail(failed)
+
+    def _fail(self, failed: int) -> None:
+        body = self._bodies[failed - 1].config.name
+        raise SimulationError('a position or velocity is not finite any more', body)
+
+    def resolve_contacts(
         self, chosen: np.ndarray, environment: Environment, h: float
     ) -> np.ndarray:
-        """Resolve all contacts of rigid bodies (m,), and return the forces to remember."""
+        """Resolve all contacts of bodies (m,), and return the forces to remember."""
         state, bodies = self._state, self._state.bodies
         members = np.zeros(len(chosen), MEMBER)
         memory, found = state.contact_memory, 0
+        others = len(chosen) > 1 or bool(environment.fixed_points)
         while True:
-            found = rigid_contact.find_obstacle_rows(
-                bodies, chosen, state.shapes, state.weights, state.x, state.v, environment.records,
-                environment.trees, h, memory, members, self._contacts, self._rows,
+            found = resolution.find_obstacle_rows(
+                bodies, chosen, state.shapes, state.weights, state.q, state.x, state.v,
+                environment.records, environment.trees, h, memory, others, members,
+                self._contacts, self._rows,
             )  # fmt: skip
             if found <= len(self._rows):
                 break
             self._rows = np.zeros(2 * found, ROW)
-        if len(chosen) > 1 or environment.fixed_points:
+        if others:
             found = self._find_face_rows(chosen, environment, h, members, found)
         if len(self._memory) < found:
             self._memory = np.zeros(len(self._rows), MEMORY)
-        kept = rigid_contact.resolve(
-            bodies, state.x, state.v, environment.records, environment.trees, h, members,
-            self._rows[:found], self._memory, state.obstacle_impulse, state.normal_impulse,
-            self.work,
+        kept = resolution.resolve(
+            bodies, state.shapes, state.weights, state.q, state.x, state.v, environment.records,
+            environment.trees, h, members, self._rows[:found], self._places, self._memory,
+            state.obstacle_impulse, state.normal_impulse, self.work,
         )  # fmt: skip
         if kept == 0:
             return NO_MEMORY
@@ -231,9 +258,9 @@ class Integrator:
             rows = np.zeros(2 * (found + len(contacts)), ROW)
             rows[:found] = self._rows[:found]
             self._rows = rows
-        return rigid_contact.find_face_rows(
-            state.bodies, contacts, environment.point_sets, state.shapes, state.weights, state.x,
-            state.v, h, state.contact_memory, members, self._rows, found,
+        return resolution.find_face_rows(
+            state.bodies, contacts, environment.point_sets, state.shapes, state.weights, state.q,
+            state.x, state.v, h, state.contact_memory, members, self._rows, found,
         )  # fmt: skip
 
     def resolve_obstacle_contacts(
@@ -262,8 +289,7 @@ class Integrator:
             state.region_goals, state.stretch, state.match_centre, state.match_posture, gravity, h,
         )  # fmt: skip
         if failed:
-            body = self._bodies[failed - 1].config.name
-            raise SimulationError('a position or velocity is not finite any more', body)
+            self._fail(failed)
 
     def standing(self, chosen: np.ndarray, environment: Environment) -> np.ndarray:
         """Return the contacts of bodies with obstacles before their resolution: (s,) STANDING."""

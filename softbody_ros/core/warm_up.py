@@ -8,7 +8,7 @@ Everything is compiled before a simulation starts, instead of in the midst of it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 import os
@@ -50,6 +50,8 @@ BODIES: tuple[dict, ...] = (
     {'mesh': ROD, 'mode': 'linear'},
 )
 """What differs from one kind of body to the next."""
+BY_LAWS = tuple(each for each in BODIES if {'regions_count', 'pins_indices'} & each.keys())
+"""Kinds whose contacts are not those of `Integrator.resolve_contacts`."""
 
 
 def compile_ahead(
@@ -78,7 +80,7 @@ def compile_ahead(
     """
     if compiled.is_compiled() and not compiled.is_complete():
         begin = time.monotonic()
-        say('compiling the simulator for this machine, once: this takes about half a minute')
+        say('compiling the simulator for this machine, once: this takes about a minute')
         try:
             _compile(is_stopped)
         except KeyboardInterrupt:
@@ -143,9 +145,9 @@ def _processors() -> int:
 
 def compile_other_half(parent: int) -> None:
     """
-    Compile all but shape matching and what needs its results, as long as the parent lives.
+    Compile the common problem of all contacts, as long as the parent lives.
 
-    These, to match shapes and to resolve contacts between bodies, take as long as the others.
+    It takes nearly as long as all else does, and `warm_up` needs it last.
     """
 
     def note(_: float) -> None:
@@ -155,18 +157,20 @@ def compile_other_half(parent: int) -> None:
     with suppress(KeyboardInterrupt), compiled.compilations(note):
         world, nobody = everything(), np.zeros(0, np.int64)
         integrator, environment = world._integrator, world._environment
-        world._update_sleep()
-        integrator.resolve_obstacle_contacts(nobody, environment, world.config.time_step)
-        integrator.standing(nobody, environment)
-        integrator.resolve_rigid_contacts(nobody, environment, world.config.time_step)
-        world.rigid_fit(world.names[0])
-        world.poke(world.positions(world.names[0])[0], 0.1, 0.5)
+        integrator.resolve_contacts(nobody, environment, world.config.time_step)
 
 
 def warm_up() -> None:
     """Run every kernel: step small worlds in which everything happens that happens in worlds."""
-    # first what takes longest and is not left to a second process
-    World(WorldConfig(bodies=(_body(0, (0.0, 0.0, 1.0)),), obstacles=())).step()
+    # first what is not left to a second process
+    world = everything()
+    world._integrator._fly(
+        np.arange(len(world.names)), world._environment.gravity, world.config.time_step
+    )
+    world = everything(kinds=BY_LAWS)
+    world.step()
+    world.rigid_fit(world.names[0])
+    world.poke(world.positions(world.names[0])[0], 0.1, 0.5)
 
     world = everything()
     world.step(2)
@@ -205,7 +209,7 @@ def warm_up() -> None:
     resting.step()
 
 
-def everything(subdivisions: int = 1) -> World:
+def everything(subdivisions: int = 1, kinds: Sequence[dict] = BODIES) -> World:
     """Return a world in which each kind of body touches others, and each kind of obstacle."""
     bodies: list[BodyConfig] = []
     obstacles: list[ObstacleConfig] = []
@@ -222,7 +226,7 @@ def everything(subdivisions: int = 1) -> World:
         for place in range(3):
             number = len(bodies)
             position = (x - 0.2 + 0.25 * (place % 2), 0.1 * place, z + 0.5 * place)
-            kind = BODIES[number % len(BODIES)]
+            kind = kinds[number % len(kinds)]
             bodies.append(_body(number, position, subdivisions, **kind))
     return World(WorldConfig(bodies=tuple(bodies), obstacles=tuple(obstacles)))
 

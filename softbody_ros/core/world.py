@@ -42,7 +42,7 @@ from softbody_ros.core.external_inputs import (
 from softbody_ros.core.geometry.bounding_boxes import overlapping
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
-from softbody_ros.core.shape_matching.gains import natural_frequency, put_gains
+from softbody_ros.core.shape_matching.gains import KAPPA, natural_frequency, put_gains
 from softbody_ros.core.shape_matching.pins import make_pins, pinned_particles
 from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
 from softbody_ros.core.shape_matching.regions import Regions, make_regions
@@ -683,6 +683,10 @@ class World:
         frequency = 0.0
         if body.config.mode != 'rigid':
             frequency = natural_frequency(body.config.stiffness, self.config.reference_step)
+            record = self._state.bodies[index]
+            if not record['regions'] and not record['pins']:
+                # particles by themselves are stiffer than the body
+                frequency *= KAPPA
         self._state.velocities(index)[:] += poke.velocity_change(
             self._state.positions(index),
             body.rest,

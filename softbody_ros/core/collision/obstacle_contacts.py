@@ -293,6 +293,32 @@ def _near_shape(
 
 
 @helper
+def distance_on_side_of_entry(
+    obstacle: np.void, trees: Trees, start: Vector, point: Vector, thickness: float
+) -> tuple[float, Vector]:
+    """
+    Return the signed distance of a point from an obstacle, m, and the normal, in world axes.
+
+    That of the side where a fast particle has entered, as in `find_contacts`.
+
+    Parameters
+    ----------
+    obstacle : OBSTACLE
+    trees : Trees
+    start, point : vector
+        positions at the tick before, and now, m
+    thickness : float
+        m
+
+    """
+    local = in_frame(obstacle, point)
+    distance, normal = distance_in_frame(obstacle, trees, local)
+    before, depth = in_frame_before(obstacle, start), thickness - distance
+    depth, normal, _ = _swept(obstacle, trees, before, local, thickness, depth, normal)
+    return thickness - depth, to_world(obstacle, normal)
+
+
+@helper
 def _swept(
     obstacle: np.void,
     trees: Trees,

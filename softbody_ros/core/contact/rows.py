@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts as rows of the contact problem, and the bodies that they act on."""
+"""Contacts as rows of the contact problem."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from softbody_ros.core.body import RIGID
 from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.manifold import geometric_mean
@@ -22,18 +23,14 @@ from softbody_ros.core.geometry.vectors import (
     dot,
     matrix_of,
     minus,
-    norm,
     plus,
-    put_matrix,
     put_vector,
     scaled,
     tangents_of,
     vector_of,
 )
-from softbody_ros.core.shape_matching.polar_decomposition import orthogonal_columns
+from softbody_ros.core.shape_matching.modal_flight import position_after
 
-MODES = 6
-"""Modes of a body: three translations, three rotations."""
 CONTACT_FREQUENCY = 3e3
 """ω, rad/s, of a rigid body on a contact: its compliance 1 / (M ω²) bounds the forces of obstacles
 that a body cannot obey."""
@@ -43,30 +40,6 @@ RECOVERY = 2.0
 """Speed, in RMS radii per second, at which what is found inside something gets out."""
 TOUCHING = 1e-9
 """Gap before the tick, in RMS radii, up to which a contact existed."""
-
-MEMBER = np.dtype(
-    [
-        ('body', np.int64),
-        ('mass', np.float64),  # kg
-        ('scale', np.float64),  # RMS radius, m
-        ('margin', np.float64),  # distance from others within which they are contacts, m
-        # after the flight
-        ('centre', np.float64, (3,)),  # m
-        ('velocity', np.float64, (3,)),  # m/s
-        ('angular_momentum', np.float64, (3,)),  # per mass, m²/s
-        ('inverse_inertia', np.float64, (3, 3)),  # per mass, 1/m²
-        ('root', np.float64, (3, 3)),  # L, with I⁻¹ = L Lᵀ
-        # by the contact forces
-        ('shift', np.float64, (3,)),  # of the centre, m
-        ('rotation', np.float64, (3, 3)),
-        ('impulse', np.float64, (2, 3)),  # of one stage, N s, and about the centre, N m s
-        ('momenta', np.float64, (2, 3)),  # velocity and angular momentum before the contacts
-        # of the whole tick: N s, and N m s about the centre at its end
-        ('received', np.float64, (2, 3)),
-    ],
-    align=True,
-)
-"""A body that may be in contact."""
 
 ROW = np.dtype(
     [
@@ -81,12 +54,23 @@ ROW = np.dtype(
         ('target', np.float64, (3,)),  # what f approaches
         ('radius', np.float64),  # of the friction disc
         ('disc_change', np.float64),  # its last change
+        ('model_bias', np.float64, (3,)),  # if R is taken as diagonal
+        ('model_compliance', np.float64, (2,)),
+        ('stiffness', np.float64, (4,)),  # G: normal, and 11, 12, 22 of the tangents
+        ('face', np.float64, (4,)),  # projector on forces that may change, the same components
+        ('curvature', np.float64),  # of the disc's edge, times the force that presses against it
         ('diagonal', np.float64, (2,)),  # of c + J Jᵀ: normal, and the larger tangent
         # the contact
         ('key', np.int64),  # identifies it from tick to tick
         ('obstacle', np.int64),  # second side, or −1
         ('column', np.int64),  # particle of the world, or −1
-        ('point', np.float64, (3,)),  # of both sides, after the flight, m
+        # of deformable bodies: particles that the contact acts on, of the world and of the
+        # island, and the shares of f on them
+        ('columns', np.int64, (4,)),
+        ('particles', np.int64, (4,)),
+        ('shares', np.float64, (4,)),
+        ('offsets', np.float64, (2, 3)),  # of both sides in the flight from the start shape, m
+        ('point', np.float64, (3,)),  # of both sides, of the start shapes, m
         ('normal', np.float64, (3,)),  # from the second side to the first
         ('tangents', np.float64, (2, 3)),
         ('thickness', np.float64),  # distance kept, m
@@ -147,23 +131,6 @@ def key_of(kind: int, partner: int, owner: int, particle: int) -> int:
 
 
 @helper
-def put_member(member: np.void, body: np.void, number: int, scale: float, margin: float) -> None:
-    """Write the member of a body after its flight."""
-    member['body'], member['mass'] = number, body['mass']
-    member['scale'], member['margin'] = scale, margin
-    put_vector(member['centre'], vector_of(body['centre']))
-    put_vector(member['velocity'], vector_of(body['velocity']))
-    put_vector(member['angular_momentum'], vector_of(body['angular_momentum']))
-    inverse = matrix_of(body['inverse_inertia'])
-    put_matrix(member['inverse_inertia'], inverse)
-    columns, axes = orthogonal_columns(inverse)
-    for axis in range(3):
-        size = math.sqrt(norm(columns[axis]))
-        for row in range(3):
-            member['root'][row, axis] = size * axes[axis][row]
-
-
-@helper
 def complete_row(
     row: np.void, members: np.ndarray, memory: np.ndarray, velocity: Vector, h: float
 ) -> None:
@@ -173,7 +140,7 @@ def complete_row(
     Parameters
     ----------
     row : ROW
-        with sides, point, normal, gap and motions
+        with sides, point, normal, motions, and gap after the flight
     members : (m,) MEMBER
     memory : (r,) MEMORY
         of the tick before, in order of its keys
@@ -188,10 +155,9 @@ def complete_row(
     first, second = tangents_of(normal)
     put_vector(row['tangents'][0], first)
     put_vector(row['tangents'][1], second)
-    inverse_mass = 1.0 / one['mass']
-    if row['two'] >= 0:
-        inverse_mass += 1.0 / members[row['two']]['mass']
-    row['inverse_mass'] = inverse_mass
+    row['inverse_mass'] = 0.0 if one['is_soft'] else 1.0 / one['mass']
+    if row['two'] >= 0 and not members[row['two']]['is_soft']:
+        row['inverse_mass'] += 1.0 / members[row['two']]['mass']
     motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
     before = row['gap'] - dot(normal, motion)
     recovered = RECOVERY * one['scale'] * h
@@ -246,10 +212,12 @@ def put_obstacle_row(
     contact: np.void,
     number: int,
     body: np.void,
+    shape: np.void,
     reach: float,
     weight: float,
     obstacle: np.void,
     which: int,
+    q: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
 ) -> Vector:
@@ -270,20 +238,113 @@ def put_obstacle_row(
     put_vector(row['normal'], vector_of(contact['normal']))
     row['thickness'] = body['thickness']
     row['gap'] = reach - contact['depth'] - body['thickness']
-    put_vector(row['motion'], minus(point, column_of(x[body['now']], column)))
+    begin_sides(row)
+    add_side(row, 0, 0, 1.0, column, point, body, shape, q, x, v)
+    row['gap'] += dot(vector_of(row['normal']), vector_of(row['offsets'][0]))
     put_vector(row['other_motion'], motion_with(obstacle, point))
     surface = velocity_at(obstacle, point)
     put_vector(row['other_velocity'], surface)
     put_friction(row, body['coulomb'], body['friction'])
-    row['elasticity'], row['of_face'] = body['elasticity'], False
+    row['elasticity'] = elasticity_of(body)
+    row['of_face'] = False
     row['softness'] = softness_of(weight, body['count'])
     return minus(column_of(v[body['now']], column), surface)
+
+
+@helper
+def put_other_side(row: np.void, normal: Vector, gap: float, end: Vector) -> None:
+    """
+    Change the copy of a row of a particle to its contact with another side of the obstacle.
+
+    Parameters
+    ----------
+    row : ROW
+    normal : vector
+        of the other side
+    gap : float
+        from it after the tick, m
+    end : vector
+        position of the particle then, m
+
+    """
+    row['key'] = -1 - row['key']
+    put_vector(row['normal'], normal)
+    first, second = tangents_of(normal)
+    put_vector(row['tangents'][0], first)
+    put_vector(row['tangents'][1], second)
+    flown = plus(vector_of(row['point']), vector_of(row['offsets'][0]))
+    row['gap'] = gap - dot(normal, minus(end, flown))
+    slip = minus(vector_of(row['motion']), vector_of(row['other_motion']))
+    row['slip'][0], row['slip'][1] = dot(first, slip), dot(second, slip)
+    row['approach'] = row['closing'] = 0.0
+    row['is_new'] = True
+    put_vector(row['remembered'], ZERO)
+
+
+@helper
+def begin_sides(row: np.void) -> None:
+    """Begin to add up what the particles of both sides do."""
+    for corner in range(4):
+        row['shares'][corner], row['particles'][corner] = 0.0, -1
+    for side in range(2):
+        put_vector(row['offsets'][side], ZERO)
+    put_vector(row['motion'], ZERO)
+    put_vector(row['other_motion'], ZERO)
+
+
+@helper
+def add_side(
+    row: np.void,
+    side: int,
+    corner: int,
+    share: float,
+    column: int,
+    start: Vector,
+    body: np.void,
+    shape: np.void,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+) -> None:
+    """
+    Add a particle with its share to one side of a contact.
+
+    Parameters
+    ----------
+    row : ROW
+    side, corner : int
+        where in the row
+    share : float
+    column : int
+        particle of the world
+    start : vector
+        where it is in the start shape, m
+    body, shape, q, x, v
+        of the world, see `modal_flight.fly`
+
+    """
+    now, flown = body['now'], start
+    if body['mode'] != RIGID:
+        flown = position_after(body, shape, q, x[now], v[now], column)
+        row['columns'][corner] = column
+        row['shares'][corner] = share if side == 0 else -share
+    offset = along(vector_of(row['offsets'][side]), share, minus(flown, start))
+    put_vector(row['offsets'][side], offset)
+    moved = row['motion'] if side == 0 else row['other_motion']
+    motion = minus(flown, column_of(x[now], column))
+    put_vector(moved, along(vector_of(moved), share, motion))
 
 
 @helper
 def softness_of(weight: float, count: int) -> float:
     """Return the compliance at a particle relative to the mean, from its mass share: its area."""
     return min(max(1.0 / (count * max(weight, 1e-12)), 1.0 / LARGEST_SOFTNESS), LARGEST_SOFTNESS)
+
+
+@helper
+def elasticity_of(body: np.void) -> float:
+    """Return ε of a body at contacts: that of a deformable one is in its damping."""
+    return body['elasticity'] if body['mode'] == RIGID else 0.0
 
 
 @helper
@@ -294,53 +355,16 @@ def put_friction(row: np.void, coulomb: bool, friction: float) -> None:
 
 
 @helper
-def put_jacobian(
-    row: np.void,
-    jacobian: np.ndarray,
-    members: np.ndarray,
-    point: Vector,
-    at_end: bool,
-) -> None:
+def copy_record(target: np.ndarray, to: int, source: np.ndarray, index: int) -> None:
     """
-    Write J of one contact: responses of the modes to unit forces along normal and tangents.
+    Copy a record of 8-byte words to an array of the same type.
 
-    In units in which the kinetic energy is half the squared amplitudes: e / √M of a translation,
-    and Lᵀ (r × e) / √M of a rotation.
-
-    Parameters
-    ----------
-    row : ROW
-    jacobian : (2, 3, 6) float
-        written
-    members : (m,) MEMBER
-    point : vector
-        m
-    at_end : bool
-        whether at the pose after the tick, instead of after the flight
-
+    Word by word: an assignment would be unrolled by the compiler, which takes it a second.
     """
-    for side in range(2):
-        index = row['one'] if side == 0 else row['two']
-        if index < 0:
-            continue
-        member = members[index]
-        size = (1.0 if side == 0 else -1.0) / math.sqrt(member['mass'])
-        centre, root = vector_of(member['centre']), matrix_of(member['root'])
-        rotation = matrix_of(member['rotation'])
-        if at_end:
-            centre = plus(centre, vector_of(member['shift']))
-        arm = minus(point, centre)
-        for axis in range(3):
-            direction = vector_of(row['normal'])
-            if axis > 0:
-                direction = vector_of(row['tangents'][axis - 1])
-            moment = cross(arm, direction)
-            if at_end:
-                moment = applied_transposed(rotation, moment)
-            moment = applied_transposed(root, moment)
-            for k in range(3):
-                jacobian[side, axis, k] = size * direction[k]
-                jacobian[side, axis, 3 + k] = size * moment[k]
+    words, of_source = target.view(np.float64), source.view(np.float64)
+    size = target.itemsize // 8
+    for k in range(size):
+        words[to * size + k] = of_source[index * size + k]
 
 
 @helper
@@ -390,6 +414,7 @@ def put_face_row(
     sets: np.ndarray,
     shapes: np.ndarray,
     weights: np.ndarray,
+    q: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
     h: float,
@@ -405,15 +430,16 @@ def put_face_row(
     """
     owner, other = contact['body'], contact['other']
     body = bodies[members[other]['body']]
-    start, velocities = x[body['now']], v[body['now']]
+    shape, side = shapes[body['shape']], 0 if owner >= len(members) else 1
+    start, velocities = x[1 - body['now']], v[body['now']]
     point, normal = vector_of(contact['point']), vector_of(contact['normal'])
-    face_motion, face_velocity = point, ZERO
+    face_velocity = ZERO
+    begin_sides(row)
     for corner in range(1, 4):
         column, share = contact['particles'][corner], -contact['coefficients'][corner]
         face_velocity = along(face_velocity, share, column_of(velocities, column))
-        corner_motion = minus(column_of(x[1 - body['now']], column), column_of(start, column))
-        face_motion = along(face_motion, share, corner_motion)
-    face_motion = minus(face_motion, point)
+        at = column_of(start, column)
+        add_side(row, side, corner, share, column, at, body, shape, q, x, v)
     put_vector(row['point'], point)
     row['obstacle'] = -1
     row['column'] = contact['particles'][0]
@@ -427,17 +453,15 @@ def put_face_row(
         row['key'] = key_of(OF_BODIES, body['id'], one['id'], column - one['first'])
         put_vector(row['normal'], normal)
         row['gap'] = members[owner]['margin'] + members[other]['margin'] - contact['depth']
-        put_vector(
-            row['motion'],
-            minus(column_of(x[1 - one['now']], column), column_of(x[one['now']], column)),
-        )
-        put_vector(row['other_motion'], face_motion)
+        add_side(row, 0, 0, 1.0, column, point, one, shapes[one['shape']], q, x, v)
+        offset = minus(vector_of(row['offsets'][0]), vector_of(row['offsets'][1]))
+        row['gap'] += dot(normal, offset)
         coulomb = one['coulomb'] or body['coulomb']
         friction = geometric_mean(one['friction'], body['friction'])
         if one['coulomb'] != body['coulomb']:
             friction = one['friction'] if one['coulomb'] else body['friction']
         put_friction(row, coulomb, friction)
-        row['elasticity'] = geometric_mean(one['elasticity'], body['elasticity'])
+        row['elasticity'] = geometric_mean(elasticity_of(one), elasticity_of(body))
         return minus(column_of(v[one['now']], column), face_velocity)
     point_set = sets[owner - len(members)]
     row['one'], row['two'], row['of_face'] = other, -1, True
@@ -451,9 +475,9 @@ def put_face_row(
     row['gap'] = members[other]['margin'] - contact['depth']
     arm = minus(point, vector_of(point_set['centre']))
     velocity = plus(vector_of(point_set['linear']), cross(vector_of(point_set['angular']), arm))
-    put_vector(row['motion'], face_motion)
+    row['gap'] += dot(vector_of(row['normal']), vector_of(row['offsets'][0]))
     put_vector(row['other_motion'], scaled(h, velocity))
     put_vector(row['other_velocity'], velocity)
     put_friction(row, body['coulomb'], body['friction'])
-    row['elasticity'] = body['elasticity']
+    row['elasticity'] = elasticity_of(body)
     return minus(face_velocity, velocity)

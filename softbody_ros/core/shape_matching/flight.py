@@ -165,7 +165,7 @@ def predict_and_match(
         body = bodies[awake[index]]
         shape, matched = shapes[body['shape']], shapes[body['matched']]
         now = body['now']
-        body['flowed'] = False
+        body['flowed'], body['flattened'][1 - now] = False, 0.0
         x0, v0, x1, v1 = x[now], v[now], x[1 - now], v[1 - now]
         if body['has_wrench']:
             apply_wrench(body, shape, weights, q, x0, v0, x1, v1, h)

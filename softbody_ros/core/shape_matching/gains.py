@@ -15,6 +15,13 @@ KAPPA = 3.0
 waves of a solid are stiffer than its long ones."""
 LEAST_RESIDUAL_DAMPING = 0.7
 """Damping ratio of the residual: undamped, a particle could be held by no force at ω h = 2π."""
+INCOMPRESSIBLE, STIFF = 3e3, 9.0
+"""Largest frequency of changes of volume, rad/s, and its ratio to that of α_s, less 1, from which
+on it is damped critically."""
+CRITICAL_DAMPING = 4
+"""Power of `damping` that is the least damping ratio: next to nothing, but critical for what keeps
+no velocity. Undamped, even that would swing to the other side in a tick of more than a quarter of
+its period."""
 SMALL_PHASE = 0.5
 """ω h below which a power series is exact and differences lose digits."""
 FOLLOWED, RESIDUAL, BREATHING = 0, 1, 2
@@ -113,6 +120,23 @@ def oscillator_response(
     )
 
 
+def breathing_frequency(followed: float, omega: float, conservation: float) -> float:
+    """
+    Return the frequency of changes of volume, rad/s.
+
+    Its square is that of modes that the goal follows without conservation, grows by all of that of
+    the stiffness at a half, and tends to that of incompressible bodies, which is bounded.
+    """
+    ratio = conservation / max(1.0 - conservation, 1e-12)
+    square = followed * followed + ratio * max(omega * omega - followed * followed, 0.0)
+    return min(math.sqrt(square), max(INCOMPRESSIBLE, omega))
+
+
+def breathing_damping(breathing: float, omega: float) -> float:
+    """Return the least damping ratio of changes of volume: critical if incompressible."""
+    return min(max(breathing / max(omega, 1e-12) - 1.0, 0.0) / STIFF, 1.0)
+
+
 def put_modal_gains(
     record: np.void,
     body: BodyConfig,
@@ -131,7 +155,8 @@ def put_modal_gains(
     ----------
     record : BODY, ()
         written: `responses` are those of `oscillator_response` for each kind of mode, in regular
-        and in degenerate states; `stiffnesses` are ω² of the regular ones; `volume_share` is the
+        and in degenerate states, and of a body that touches something, where the elasticity
+        reduces the bounciness; `stiffnesses` are ω² of the regular ones; `volume_share` is the
         share of the change of volume in the stiffness against it; `kappa`
     body : BodyConfig
     step, reference_step : float
@@ -142,20 +167,25 @@ def put_modal_gains(
     """
     record['kappa'] = kappa
     record['responses'], record['stiffnesses'], record['volume_share'] = 0.0, 0.0, 0.0
+    record['relaxation'] = 0.0
     if body.mode == 'rigid':
         return
     alpha, beta = body.stiffness, body.deformation
     omega = natural_frequency(alpha, reference_step)
     followed = natural_frequency((1.0 - beta) * alpha, reference_step)
-    breathing = natural_frequency(
-        (1.0 - beta * (1.0 - body.volume_conservation)) * alpha, reference_step
-    )
-    zeta = damping_ratio(body.bounciness)
+    breathing = breathing_frequency(followed, omega, body.volume_conservation)
     record['stiffnesses'] = followed**2, (kappa * omega) ** 2, breathing**2
-    regular, degenerate = record['responses']
-    regular[FOLLOWED] = oscillator_response(followed, zeta, step)
-    regular[RESIDUAL] = oscillator_response(kappa * omega, max(zeta, LEAST_RESIDUAL_DAMPING), step)
-    regular[BREATHING] = oscillator_response(breathing, zeta, step)
+    record['relaxation'] = -math.expm1(-omega * step)
+    regular, degenerate, touching = record['responses']
+    least = body.damping**CRITICAL_DAMPING
+    for responses, elasticity in ((regular, 1.0), (touching, body.elasticity)):
+        zeta = max(damping_ratio(body.bounciness * elasticity), least)
+        residual = max(zeta, LEAST_RESIDUAL_DAMPING)
+        responses[FOLLOWED] = oscillator_response(followed, zeta, step)
+        responses[RESIDUAL] = oscillator_response(kappa * omega, residual, step)
+        responses[BREATHING] = oscillator_response(
+            breathing, max(zeta, breathing_damping(breathing, omega)), step
+        )
     degenerate[FOLLOWED] = degenerate[BREATHING] = oscillator_response(omega, 1.0, step)
     degenerate[RESIDUAL] = oscillator_response(kappa * omega, 1.0, step)
     if breathing > 0.0:

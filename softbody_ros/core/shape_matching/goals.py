@@ -95,7 +95,7 @@ def find_goal(
         put_matrix(posture[row], undeformed)
         return 0.0
     fit(moment, undeformed, shape, fitted)
-    volume = move_to_rest_volume(fitted, shape, volume_fit, scratch[3], scratch[4])
+    volume = move_to_rest_volume(fitted, shape, volume_fit, scratch[3], scratch[4], 1.0)
     elastic = elastic_of(linear_block(fitted), plastic, is_plastic)
     degeneracy = degeneracy_of(fitted, elastic, volume)
     conserves = 1.0 if degeneracy < 1.0 else 0.0

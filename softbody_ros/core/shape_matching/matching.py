@@ -206,9 +206,10 @@ def move_to_rest_volume(
     nearest: np.ndarray,
     gradient: np.ndarray,
     direction: np.ndarray,
+    rest_volume: float,
 ) -> float:
     """
-    Write the nearest transform of relative volume 1, and return the volume before.
+    Write the nearest transform of the rest volume, and return the volume before.
 
     Nearest in the metric of the particles: as for the fit and the rotation, the pull towards such
     a goal is the gradient of half the squared distance, hence conservative. Scaling a goal to its
@@ -222,6 +223,8 @@ def move_to_rest_volume(
         written: after `VOLUME_STEPS` Newton steps; meaningless for degenerate states
     gradient, direction : (F, 3) float
         scratch
+    rest_volume : float
+        that the transform is to have, relative to that of the rest shape
 
     Returns
     -------
@@ -232,7 +235,7 @@ def move_to_rest_volume(
     copy(transform, nearest)
     if not shape['has_volume']:
         return 1.0
-    before = 1.0
+    before, target = 1.0, cube_root(rest_volume)
     for step in range(VOLUME_STEPS):
         if len(transform) == LINEAR:
             volume_gradient(nearest, shape['volume_linear'], gradient)
@@ -244,9 +247,9 @@ def move_to_rest_volume(
         if step == 0:
             before = volume
         slope = max(scalar_product(gradient, direction), LEAST_SLOPE)
-        # ∛V − 1 is nearly linear, and exactly so for a uniformly scaled goal
+        # ∛V is nearly linear, and exactly so for a uniformly scaled goal
         root = cube_root(max(volume, LEAST_VOLUME[1]))
-        distance = 3.0 * root * root * (1.0 - root)
+        distance = 3.0 * root * root * (target - root)
         distance += scalar_product(gradient, nearest) - scalar_product(gradient, transform)
         for f in range(len(transform)):
             for axis in range(3):

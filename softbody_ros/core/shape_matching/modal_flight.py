@@ -118,10 +118,14 @@ angular velocity that ends them: unsolved, the rule loses energy of rotation."""
 SLOW_TURN = 1e-6
 """Square of the angular velocity, relative to the stiffness of followed modes, up to which the
 centrifugal acceleration is taken as constant in a tick."""
+MOST_FLATTENED = 0.5
+"""Largest share of the rest volume for which the fit makes up."""
 LARGEST_TURN = 1e4
 """Angle of rotation in one tick beyond which it has no meaning, rad."""
 SERIES = tuple((1 / (2 * k * (2 * k + 1)), 1 / (2 * k * (2 * k - 1))) for k in range(8, 0, -1))
 """Ratios of successive terms of the power series of sine and cosine, from the last one on."""
+REGULAR, DEGENERATE, TOUCHING = 0, 1, 2
+"""States of a body with responses of their own, see `gains.put_modal_gains`."""
 Response = tuple[float, float, float, float, float, float, float]
 """Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂, Γ₃ of `gains.oscillator_response`."""
 
@@ -146,6 +150,12 @@ def fly(
     stretch: np.ndarray,
     match_centre: np.ndarray,
     match_posture: np.ndarray,
+    regions: np.ndarray,
+    region_members: np.ndarray,
+    weighted_features: np.ndarray,
+    first_corner: np.ndarray,
+    corners: np.ndarray,
+    normal_impulse: np.ndarray,
     gravity: np.ndarray,
     h: float,
 ) -> int:
@@ -166,7 +176,12 @@ def fly(
     stretch : (2, S, 3, 3) float
         plastic states of all matches
     match_centre, match_posture : (S, 3), (S, 3, 3) float
-        written: centres, m, and linear maps of offsets, of the matched shapes
+        written: centres, m, and linear maps of offsets, of the matched shapes x̂
+    regions, region_members, weighted_features, first_corner, corners
+        regions, for the places of those of rigid bodies, and faces around particles, see
+        `ShapeTable`
+    normal_impulse : (2, N) float
+        of contacts at particles, see `contact.exchange`: those with one are flattened
     gravity : (3,) float
         m/s²
     h : float
@@ -201,18 +216,53 @@ def fly(
             spin = axial(second.rv)
         put_vector(body['origin'], origin)
         put_vector(body['start_centre'], centre)
-        put_vector(match_centre[body['first_match']], centre)
         undeformed = match(body, shape, stretch, match_posture, scratch)
+        flattened = 0.0
+        if shape['enclosed'] > 0.0 and body['touches'][now] > 0 and body['mode'] != RIGID:
+            flattened = flattened_volume(
+                body, shape, q, x0, centre, scratch[2], first_corner, corners, normal_impulse[now]
+            )
+        # gradually: at once, patches and the volume would excite each other
+        change = body['relaxation'] * (flattened - body['flattened'][now])
+        flattened = body['flattened'][now] + change
+        body['flattened'][1 - now] = flattened
+        find_rest_volume(body, shape, stretch, match_posture, flattened, scratch)
         drift = solve(
             body, shape, origin, total.y, total.v, second, spin, undeformed, g, scratch, h
         )
         if not is_finite(drift, scratch[0]):
             return 1 + awake[index]
         write(x0, v0, body, shape, q, x[1 - now], v[1 - now])
+        row = body['first_match']
+        put_vector(match_centre[row], vector_of(body['centre']))
+        posture = product(matrix_of(body['turn']), matrix_of(match_posture[row]))
+        put_matrix(match_posture[row], posture)
+        for k in range(body['regions']):
+            region = regions[shape['first_region'] + k]
+            mean = mean_of(region, shape, q, region_members, weighted_features)
+            place = plus(vector_of(body['centre']), applied(posture, mean))
+            put_vector(match_centre[row + 1 + k], place)
+            put_matrix(match_posture[row + 1 + k], posture)
         for row in range(2):
             put_vector(body['received'][row], ZERO)
         put_vector(body['load'], ZERO)
     return 0
+
+
+@helper
+def mean_of(
+    region: np.void,
+    shape: np.void,
+    q: np.ndarray,
+    region_members: np.ndarray,
+    weighted_features: np.ndarray,
+) -> Vector:
+    """Return the mean rest position of the particles of a region, m."""
+    total = ZERO
+    for k in range(region['first'], region['first'] + region['count']):
+        rest = column_of(q, shape['first'] + region_members[k])
+        total = along(total, weighted_features[0, k], rest)
+    return scaled(shape['scale'] / region['mass'], total)
 
 
 # ------------------------------------------------------------------------------------------- sums
@@ -259,7 +309,117 @@ def match(
     scratch: np.ndarray,
 ) -> Matrix:
     """
-    Match the whole body at the start of the tick, and return its undeformed transform.
+    Fit the whole body at the start of the tick, and return its undeformed transform.
+
+    Parameters
+    ----------
+    body : BODY
+    shape : SHAPE
+    stretch : (2, S, 3, 3) float
+    posture : (S, 3, 3) float
+        see `fly`
+    scratch : (10, F, 3) float
+        the first is Σ w f r, m, and remains so; written: the third is the fit, dimensionless
+
+    """
+    row, now, is_plastic = body['first_match'], body['now'], body['is_plastic']
+    moment, fitted = scratch[4], scratch[2]
+    for f in range(len(moment)):
+        for axis in range(3):
+            moment[f, axis] = scratch[0, f, axis] / shape['scale']
+    plastic = matrix_of(stretch[now, row])
+    undeformed = undeformed_of(linear_block(moment), plastic, is_plastic)
+    if body['mode'] == RIGID:
+        # no deformation to follow
+        fill(fitted, 0.0)
+    else:
+        fit(moment, undeformed, shape, fitted)
+    put_matrix(posture[row], undeformed)
+    return undeformed
+
+
+@helper
+def flattened_volume(
+    body: np.void,
+    shape: np.void,
+    q: np.ndarray,
+    x: np.ndarray,
+    centre: Vector,
+    fitted: np.ndarray,
+    first_corner: np.ndarray,
+    corners: np.ndarray,
+    normal_impulse: np.ndarray,
+) -> float:
+    """
+    Return the volume by which residuals of particles in contact change that of the fit.
+
+    That is, relative to the rest volume, the difference of the volumes below the faces around
+    particles with a normal force, where these are and in the fit. In rest only these have a
+    residual; that of others, which vanishes within few ticks, is left out.
+
+    Parameters
+    ----------
+    body, shape : BODY, SHAPE
+    q, x : (3, M), (3, N) float
+        rest positions, and positions, m
+    centre : vector
+        of mass, m
+    fitted : (F, 3) float
+        the fit
+    first_corner, corners
+        see `ShapeTable`
+    normal_impulse : (N,) float
+
+    """
+    total, first, rest = 0.0, body['first'], shape['first']
+    for i in range(body['count']):
+        if normal_impulse[first + i] == 0.0:
+            continue
+        fit_i = fitted_position(fitted, shape, q, rest + i)
+        own = scaled(1.0 / shape['scale'], minus(column_of(x, first + i), centre))
+        for star in range(first_corner[rest + i], first_corner[rest + i + 1]):
+            j, k = corners[0, star], corners[1, star]
+            fit_j = fitted_position(fitted, shape, q, rest + j)
+            fit_k = fitted_position(fitted, shape, q, rest + k)
+            at_j, at_k, counted = fit_j, fit_k, True
+            if normal_impulse[first + j] != 0.0:
+                # each face once
+                counted = i < j
+                at_j = scaled(1.0 / shape['scale'], minus(column_of(x, first + j), centre))
+            if normal_impulse[first + k] != 0.0:
+                counted = counted and i < k
+                at_k = scaled(1.0 / shape['scale'], minus(column_of(x, first + k), centre))
+            if counted:
+                total += dot(own, cross(at_j, at_k)) - dot(fit_i, cross(fit_j, fit_k))
+    change = total / (6.0 * shape['enclosed'])
+    return min(max(change, -MOST_FLATTENED), MOST_FLATTENED)
+
+
+@helper
+def fitted_position(fitted: np.ndarray, shape: np.void, q: np.ndarray, i: int) -> Vector:
+    """Return T f at a particle of the rest shapes."""
+    rest_q = column_of(q, i)
+    result = applied(linear_block(fitted), rest_q)
+    if len(fitted) > LINEAR:
+        means = shape['feature_means']
+        square = minus(squares(rest_q), vector_of(means[3:]))
+        mixed = minus(mixed_products(rest_q), vector_of(means[6:]))
+        result = plus(result, applied(linear_block(fitted[3:]), square))
+        result = plus(result, applied(linear_block(fitted[6:]), mixed))
+    return result
+
+
+@helper
+def find_rest_volume(
+    body: np.void,
+    shape: np.void,
+    stretch: np.ndarray,
+    posture: np.ndarray,
+    flattened: float,
+    scratch: np.ndarray,
+) -> None:
+    """
+    Find how the volume of the fit deviates from that at rest.
 
     Parameters
     ----------
@@ -269,51 +429,47 @@ def match(
     stretch : (2, S, 3, 3) float
     posture : (S, 3, 3) float
         see `fly`
+    flattened : float
+        see `flattened_volume`
     scratch : (10, F, 3) float
-        the first is Σ w f r, m, and remains so; written: the third is the fit, the fourth the
-        nearest fit of the rest volume, the sixth the direction a to it with Σ w |a f|² = 1, the
-        eighth Σ w f (a f)ᵀ, dimensionless
+        after `match`; written: the fourth is the nearest fit of the rest volume, the sixth the
+        direction a to it with Σ w |a f|² = 1, the eighth Σ w f (a f)ᵀ, dimensionless
 
     """
     row, now, is_plastic = body['first_match'], body['now'], body['is_plastic']
-    moment, fitted, volume_fit = scratch[4], scratch[2], scratch[3]
-    for f in range(len(moment)):
-        for axis in range(3):
-            moment[f, axis] = scratch[0, f, axis] / shape['scale']
-    plastic = matrix_of(stretch[now, row])
-    undeformed = undeformed_of(linear_block(moment), plastic, is_plastic)
+    fitted, volume_fit, gradient, direction = scratch[2], scratch[3], scratch[4], scratch[5]
     body['degeneracy'] = 0.0
     if body['mode'] == RIGID:
-        # no deformation to follow
-        for k in range(2, 8):
+        for k in range(3, 8):
             fill(scratch[k], 0.0)
-        put_matrix(posture[row], undeformed)
-        return undeformed
-    fit(moment, undeformed, shape, fitted)
-    fill(scratch[5], 0.0)
-    volume = move_to_rest_volume(fitted, shape, volume_fit, scratch[4], scratch[5])
-    elastic = elastic_of(linear_block(fitted), plastic, is_plastic)
+        return
+    fill(gradient, 0.0)
+    fill(direction, 0.0)
+    volume = move_to_rest_volume(fitted, shape, volume_fit, gradient, direction, 1.0 - flattened)
+    elastic = elastic_of(linear_block(fitted), matrix_of(stretch[now, row]), is_plastic)
     degeneracy = degeneracy_of(fitted, elastic, volume)
     body['degeneracy'] = degeneracy
-    slope = max(scalar_product(scratch[4], scratch[5]), LEAST_SLOPE)
-    scale_transform(scratch[5], 1.0 / math.sqrt(slope))
-    if len(moment) == LINEAR:
-        multiply(shape['gram'][:LINEAR, :LINEAR], scratch[5], scratch[7])
+    slope = max(scalar_product(gradient, direction), LEAST_SLOPE)
+    scale_transform(direction, 1.0 / math.sqrt(slope))
+    if len(fitted) == LINEAR:
+        multiply(shape['gram'][:LINEAR, :LINEAR], direction, scratch[7])
     elif shape['spanned_quadratic']:
         # the gradient itself
-        copy(scratch[4], scratch[7])
+        copy(gradient, scratch[7])
         scale_transform(scratch[7], 1.0 / math.sqrt(slope))
     else:
-        multiply(shape['gram'], scratch[5], scratch[7])
-    put_matrix(posture[row], undeformed if degeneracy > 0.0 else linear_block(fitted))
+        multiply(shape['gram'], direction, scratch[7])
+    if degeneracy == 0.0:
+        put_matrix(posture[row], linear_block(fitted))
     flow(body, stretch, row, elastic, degeneracy)
-    return undeformed
 
 
 @helper
 def blended_response(body: np.void, kind: int) -> Response:
     """Return the response of modes, blended towards critical damping in degenerate states."""
-    regular, degenerate = body['responses'][0, kind], body['responses'][1, kind]
+    touches = body['touches'][body['now']] > 0
+    regular = body['responses'][TOUCHING if touches else REGULAR, kind]
+    degenerate = body['responses'][DEGENERATE, kind]
     d = body['degeneracy']
     put_response = body['response'][kind]
     put_response[0] = regular[4] + d * (degenerate[4] - regular[4])
@@ -414,6 +570,11 @@ def solve(
     internal = along(internal, c, summed_cross(of_x, of_r))
     internal = along(internal, d, summed_cross(of_x, of_u))
     internal = plus(internal, summed_cross(gram_x, of_s))
+    gram_s = scratch[9]
+    if len(of_x) == LINEAR:
+        multiply(shape['gram'][:LINEAR, :LINEAR], of_s, gram_s)
+    else:
+        multiply(shape['gram'], of_s, gram_s)
 
     # rotation of the free rigid body by the midpoint rule; L is constant, but for the torque
     middle = inverse_inertia_of(combined(0.5, second.rr, 0.5, pp), scale)
@@ -444,6 +605,9 @@ def solve(
     put_motion(body, centre, along(velocity, h, acceleration), spin, turned(turn, after))
     put_matrix(body['turn'], turn)
     put_matrix(body['start_inverse_inertia'], turned(turn, inverse))
+    put_matrix(body['second_moments'], turned(turn, pp))
+    put_vector(body['inner_momentum'], applied(turn, internal))
+    put_vector(body['angular_velocity'], applied(turn, rate))
 
     # p and s + ω' × p as linear maps of r, v − V and f; then of y = x − origin, v and f
     rotating = cross_matrix(rate)
@@ -471,6 +635,12 @@ def solve(
         put_vector(body['map'][0, 7 + f], applied(turn, image))
         image = applied(turn, plus(vector_of(of_s[f]), cross(rate, image)))
         put_vector(body['map'][1, 7 + f], image)
+        weighted = along(vector_of(gram_x[f]), a, vector_of(of_r[f]))
+        weighted = along(weighted, b, vector_of(of_u[f]))
+        put_vector(body['offset_moment'][f], applied(turn, weighted))
+        weighted = along(vector_of(gram_s[f]), c, vector_of(of_r[f]))
+        weighted = along(weighted, d, vector_of(of_u[f]))
+        put_vector(body['velocity_moment'][f], applied(turn, weighted))
         put_vector(body['shape_moment'][f], applied(turn, vector_of(of_r[f])))
         put_vector(body['volume_moment'][f], applied(turn, vector_of(scratch[7, f])))
     keep_mean(body['map'][0], shape, len(of_x))

@@ -1,0 +1,548 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The bodies of a contact problem, and how they move by the forces of contacts.
+
+A force f that is constant over the tick h, in the form λ = h² f / 2, acts on the start shape x̂,
+which the flight has moved as the rigid body is (`modal_flight.start_position`). With
+r = x̂ − c, the whitened features ψ, D = Σ w r ψᵀ, and ρ = 2 Γ₁ / h² of a kind of modes, it
+displaces particles of a body of mass M by
+
+    (1 − ρʳ) (λ + I⁻¹ (r × λ) × r') / M      as the rigid body,
+    N (ρᶠ − ρʳ) (ψ · ψ') λ / M               by the modes that the goal follows,
+    ρʳ λ / (w M)                             the particle itself: what no goal follows.
+
+N removes the rotation that features contain. ρ is 1 of a rigid mode, and 0 of one that is much
+faster than the tick: so soft bodies yield particle by particle, stiff ones as wholes, and rigid
+ones, of which ρʳ = ρᶠ = 0, not at all. Along the direction in which the volume changes, ρ is
+another one, which may be less than ρʳ. The velocity changes by the same with Γ₂.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softbody_ros.core.body import QUADRATIC_FEATURES, RIGID
+from softbody_ros.core.compiled import helper
+from softbody_ros.core.geometry.vectors import (
+    ZERO,
+    Matrix,
+    Vector,
+    added,
+    along,
+    applied,
+    applied_transposed,
+    combined,
+    cross,
+    dot,
+    matrix_of,
+    minus,
+    norm,
+    outer,
+    plus,
+    product,
+    put_matrix,
+    put_vector,
+    scaled,
+    transposed,
+    vector_of,
+)
+from softbody_ros.core.shape_matching.gains import BREATHING, FOLLOWED, RESIDUAL
+from softbody_ros.core.shape_matching.modal_flight import (
+    position_after,
+    velocity_after,
+    whiten,
+    whitened_features,
+)
+from softbody_ros.core.shape_matching.polar_decomposition import (
+    orthogonal_columns,
+    rotation_by_vector,
+)
+from softbody_ros.core.shape_matching.rigid_motion import inverse_inertia_of
+
+RIGID_MODES = 6
+"""Modes of any body: three translations, three rotations."""
+MOST_MODES = RIGID_MODES + 3 * QUADRATIC_FEATURES
+SMALL_RESPONSE = 1e-12
+"""Of deformation, relative to that of a rigid body: below it there is none."""
+
+LEAST_SHARE = 1e-3
+"""Mass of a particle, relative to the mean, that it yields with at least: some have none."""
+
+MEMBER = np.dtype(
+    [
+        ('body', np.int64),
+        ('features', np.int64),  # F: whitened features of its modes; 0 of a rigid body
+        ('is_soft', np.bool_),
+        ('starts', np.bool_),  # whether the start shape is in the place of the result
+        ('mass', np.float64),  # kg
+        ('scale', np.float64),  # RMS radius, m
+        ('margin', np.float64),  # distance from others within which they are contacts, m
+        ('nearby', np.float64),  # the same after the flight, m
+        # after the flight
+        ('centre', np.float64, (3,)),  # m
+        ('velocity', np.float64, (3,)),  # m/s
+        ('angular_momentum', np.float64, (3,)),  # per mass, m²/s
+        ('angular_velocity', np.float64, (3,)),  # rad/s
+        ('inverse_inertia', np.float64, (3, 3)),  # of the start shape, per mass, 1/m²
+        ('root', np.float64, (3, 3)),  # L, with I⁻¹ = L Lᵀ
+        # √ρ of rigid motion, of followed modes, and of change of volume, less that of residuals,
+        # or of residuals less that of change of volume
+        ('response', np.float64, (4,)),
+        ('mobility', np.float64),  # ρ of residuals
+        # changes of velocity per displacement, times h / 2: of the last three, and of residuals
+        ('rate', np.float64, (4,)),
+        # moments with the whitened features, see `modal_flight`
+        ('shape', np.float64, (QUADRATIC_FEATURES, 3)),  # D, m
+        ('volume', np.float64, (QUADRATIC_FEATURES, 3)),  # A, of size 1
+        ('offset', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w ψ pᵀ, m
+        ('speed', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w ψ sᵀ, m/s
+        ('second_moments', np.float64, (3, 3)),  # Σ w p pᵀ, m²
+        ('inner_momentum', np.float64, (3,)),  # Σ w p × s, m²/s
+        # by the contact forces
+        ('shift', np.float64, (3,)),  # of the centre, but for residuals, m
+        ('rotation', np.float64, (3, 3)),
+        ('fit', np.float64, (QUADRATIC_FEATURES, 3)),  # T, m
+        ('fit_velocity', np.float64, (QUADRATIC_FEATURES, 3)),  # of it, m/s
+        ('residual_shift', np.float64, (3,)),  # mean of those of particles, m
+        ('residual_velocity', np.float64, (3,)),  # m/s
+        ('impulse', np.float64, (2, 3)),  # of one stage, N s, and about the centre, N m s
+        ('momenta', np.float64, (2, 3)),  # velocity and angular momentum before the contacts
+        ('end_inverse_inertia', np.float64, (3, 3)),  # per mass, 1/m²
+        ('end_angular_velocity', np.float64, (3,)),  # rad/s
+        # of the whole tick: N s, and N m s about the centre at its end
+        ('received', np.float64, (2, 3)),
+    ],
+    align=True,
+)
+"""A body that may be in contact."""
+
+PARTICLE = np.dtype(
+    [
+        ('column', np.int64),  # of the world
+        ('member', np.int64),
+        ('rows', np.int64),  # number of contacts that act on it
+        ('weight', np.float64),  # mass share
+        ('mobility', np.float64),  # ρʳ / (w M), 1/kg
+        ('features', np.float64, (QUADRATIC_FEATURES,)),  # ψ
+        ('offset', np.float64, (3,)),  # p from the centre after the flight, m
+        ('speed', np.float64, (3,)),  # velocity of deformation s then, m/s
+        ('shift', np.float64, (3,)),  # by contacts, of the residual, m
+        ('velocity', np.float64, (3,)),  # of it, m/s
+    ],
+    align=True,
+)
+"""A particle of a deformable body at a contact."""
+
+
+@helper
+def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: float) -> None:
+    """Write the member of a body after its flight, but for its margins."""
+    scale = shape['scale']
+    member['body'], member['mass'] = number, body['mass']
+    member['is_soft'] = body['mode'] != RIGID
+    member['features'] = 0
+    if member['is_soft']:
+        member['features'] = 3 if body['mode'] == 1 else QUADRATIC_FEATURES
+    member['starts'] = False
+    member['scale'] = scale
+    put_vector(member['centre'], vector_of(body['centre']))
+    put_vector(member['velocity'], vector_of(body['velocity']))
+    put_vector(member['angular_momentum'], vector_of(body['angular_momentum']))
+    put_vector(member['angular_velocity'], vector_of(body['angular_velocity']))
+    inverse = matrix_of(body['start_inverse_inertia'])
+    put_matrix(member['inverse_inertia'], inverse)
+    columns, axes = orthogonal_columns(inverse)
+    for axis in range(3):
+        size = math.sqrt(norm(columns[axis]))
+        for row in range(3):
+            member['root'][row, axis] = size * axes[axis][row]
+    put_matrix(member['second_moments'], matrix_of(body['second_moments']))
+    put_vector(member['inner_momentum'], vector_of(body['inner_momentum']))
+    put_vector(member['residual_shift'], ZERO)
+    put_vector(member['residual_velocity'], ZERO)
+    put_response(member, body, h)
+    if member['is_soft']:
+        whiten(body, shape, body['shape_moment'], member['shape'])
+        whiten(body, shape, body['volume_moment'], member['volume'])
+        whiten(body, shape, body['offset_moment'], member['offset'])
+        whiten(body, shape, body['velocity_moment'], member['speed'])
+
+
+@helper
+def put_response(member: np.void, body: np.void, h: float) -> None:
+    """Write the responses of the kinds of modes, relative to those of a rigid one."""
+    response, rate, gains = member['response'], member['rate'], body['response']
+    for k in range(4):
+        response[k] = rate[k] = 0.0
+    response[0], member['mobility'] = 1.0, 0.0
+    if not member['is_soft']:
+        return
+    position, velocity = 2.0 / (h * h), 1.0 / h
+    own, own_rate = position * gains[RESIDUAL, 0], velocity * gains[RESIDUAL, 1]
+    member['mobility'] = own
+    response[0] = math.sqrt(max(1.0 - own, 0.0))
+    rate[3] = own_rate / own if own > SMALL_RESPONSE else 0.0
+    for row in range(3):
+        kind = FOLLOWED if row == 0 else BREATHING
+        sign = -1.0 if row == 2 else 1.0
+        more = sign * (position * gains[kind, 0] - own)
+        if more > SMALL_RESPONSE:
+            response[1 + row] = math.sqrt(more)
+            rate[row] = sign * (velocity * gains[kind, 1] - own_rate) / more
+
+
+@helper
+def put_particle(
+    particle: np.void,
+    column: int,
+    number: int,
+    member: np.void,
+    body: np.void,
+    shape: np.void,
+    weight: float,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+) -> None:
+    """Write a particle at a contact, after the flight from x, v (3, N)."""
+    particle['column'], particle['member'], particle['weight'] = column, number, weight
+    particle['rows'] = 0
+    inertia = max(weight, LEAST_SHARE / body['count']) * member['mass']
+    particle['mobility'] = member['mobility'] / inertia
+    whitened_features(body, shape, q, column, particle['features'])
+    offset = minus(position_after(body, shape, q, x, v, column), vector_of(member['centre']))
+    speed = minus(velocity_after(body, shape, q, x, v, column), vector_of(member['velocity']))
+    put_vector(particle['offset'], offset)
+    speed = minus(speed, cross(vector_of(member['angular_velocity']), offset))
+    put_vector(particle['speed'], speed)
+    put_vector(particle['shift'], ZERO)
+    put_vector(particle['velocity'], ZERO)
+
+
+# --------------------------------------------------------------------------------------- response
+@helper
+def put_modes(
+    jacobian: np.ndarray,
+    member: np.void,
+    sign: float,
+    arm: Vector,
+    features: np.ndarray,
+    direction: Vector,
+    at_end: bool,
+) -> None:
+    """
+    Write the responses of the modes of a body to a unit force.
+
+    In units in which the energy of a displacement by a force is half the squared amplitudes.
+
+    Parameters
+    ----------
+    jacobian : (M,) float
+        written
+    member : MEMBER
+    sign : float
+        of the force
+    arm, direction : vector
+        where it acts, from the centre, m, and its direction
+    features : (9,) float
+        ψ there
+    at_end : bool
+        whether arm and direction are those after the tick, instead of after the flight
+
+    """
+    size = sign / math.sqrt(member['mass'])
+    moment, root = cross(arm, direction), matrix_of(member['root'])
+    if at_end:
+        rotation = matrix_of(member['rotation'])
+        moment = applied_transposed(rotation, moment)
+        direction = applied_transposed(rotation, direction)
+    local = applied_transposed(root, moment)
+    rigid = size * member['response'][0]
+    for axis in range(3):
+        jacobian[axis] = rigid * direction[axis]
+        jacobian[3 + axis] = rigid * local[axis]
+    if not member['is_soft']:
+        return
+    count, shape, volume = member['features'], member['shape'], member['volume']
+    last = RIGID_MODES + 3 * count
+    angle, along_volume = applied(root, local), 0.0
+    for k in range(count):
+        own = minus(scaled(features[k], direction), cross(angle, vector_of(shape[k])))
+        along_volume += dot(own, vector_of(volume[k]))
+        for axis in range(3):
+            jacobian[RIGID_MODES + 3 * k + axis] = size * member['response'][1] * own[axis]
+    more = size * (member['response'][2] - member['response'][1]) * along_volume
+    for k in range(count):
+        for axis in range(3):
+            jacobian[RIGID_MODES + 3 * k + axis] += more * volume[k, axis]
+    jacobian[last] = size * member['response'][3] * along_volume
+
+
+@helper
+def put_fit(
+    member: np.void, y: np.ndarray, factor: float, of_velocity: bool, fit: np.ndarray
+) -> None:
+    """
+    Write the displacement of the features, or its velocity, by amplitudes of modes.
+
+    Parameters
+    ----------
+    member : MEMBER
+    y : (M + 1,) float
+        amplitudes of its modes, and of what is stiffer than residuals
+    factor : float
+    of_velocity : bool
+        whether to write the change of velocity by a force that is constant over the tick
+    fit : (9, 3) float
+        written
+
+    """
+    size, along_volume = factor / math.sqrt(member['mass']), 0.0
+    volume, response, rate = member['volume'], member['response'], member['rate']
+    followed, breathing, stiffer = response[1], response[2], response[3]
+    if of_velocity:
+        followed, breathing, stiffer = followed * rate[0], breathing * rate[1], stiffer * rate[2]
+    for k in range(member['features']):
+        for axis in range(3):
+            amplitude = size * y[RIGID_MODES + 3 * k + axis]
+            along_volume += volume[k, axis] * amplitude
+            fit[k, axis] = followed * amplitude
+    more = (breathing - followed) * along_volume
+    more -= stiffer * size * y[RIGID_MODES + 3 * member['features']]
+    for k in range(member['features']):
+        for axis in range(3):
+            fit[k, axis] += more * volume[k, axis]
+
+
+@helper
+def place(members: np.ndarray, y: np.ndarray) -> None:
+    """Write the displacements of bodies by the amplitudes of their modes (m, M)."""
+    for number in range(len(members)):
+        member, own = members[number], y[number]
+        size = member['response'][0] / math.sqrt(member['mass'])
+        put_vector(member['shift'], scaled(size, (own[0], own[1], own[2])))
+        angle = applied(matrix_of(member['root']), scaled(size, (own[3], own[4], own[5])))
+        if member['is_soft']:
+            put_fit(member, own, 1.0, False, member['fit'])
+            turning = ZERO
+            for k in range(member['features']):
+                contained = cross(vector_of(member['shape'][k]), vector_of(member['fit'][k]))
+                turning = plus(turning, contained)
+            angle = minus(angle, applied(matrix_of(member['inverse_inertia']), turning))
+        put_matrix(member['rotation'], rotation_by_vector(angle))
+
+
+@helper
+def place_particles(members: np.ndarray, particles: np.ndarray, shifts: np.ndarray) -> None:
+    """Write the displacements (3, p) of particles by themselves."""
+    for number in range(len(members)):
+        put_vector(members[number]['residual_shift'], ZERO)
+    for k in range(len(particles)):
+        particle, shift = particles[k], (shifts[0, k], shifts[1, k], shifts[2, k])
+        put_vector(particle['shift'], shift)
+        mean = members[particle['member']]['residual_shift']
+        put_vector(mean, along(vector_of(mean), particle['weight'], shift))
+
+
+@helper
+def start_velocities(members: np.ndarray, particles: np.ndarray, y: np.ndarray, h: float) -> None:
+    """Write the velocities of deformation by forces that are constant over the tick."""
+    for number in range(len(members)):
+        member = members[number]
+        put_vector(member['residual_velocity'], ZERO)
+        if not member['is_soft']:
+            continue
+        put_fit(member, y[number], 2.0 / h, True, member['fit_velocity'])
+    for k in range(len(particles)):
+        particle = particles[k]
+        member = members[particle['member']]
+        velocity = scaled(2.0 / h * member['rate'][3], vector_of(particle['shift']))
+        put_vector(particle['velocity'], velocity)
+        mean = member['residual_velocity']
+        put_vector(mean, along(vector_of(mean), particle['weight'], velocity))
+
+
+@helper
+def add_velocities(
+    members: np.ndarray, particles: np.ndarray, y: np.ndarray, shifts: np.ndarray
+) -> None:
+    """Add the velocities of deformation by impulses at the end of the tick."""
+    change = np.empty((QUADRATIC_FEATURES, 3))
+    for number in range(len(members)):
+        member = members[number]
+        if member['is_soft']:
+            put_fit(member, y[number], 1.0, False, change)
+            for k in range(member['features']):
+                for axis in range(3):
+                    member['fit_velocity'][k, axis] += change[k, axis]
+    for k in range(len(particles)):
+        particle, velocity = particles[k], (shifts[0, k], shifts[1, k], shifts[2, k])
+        put_vector(particle['velocity'], plus(vector_of(particle['velocity']), velocity))
+        member = members[particle['member']]
+        mean = member['residual_velocity']
+        put_vector(mean, along(vector_of(mean), particle['weight'], velocity))
+
+
+# -------------------------------------------------------------------------------- after the tick
+@helper
+def end_base(member: np.void) -> Vector:
+    """Return where the flight's centre has been shifted to, m: the centre, but for residuals."""
+    return plus(vector_of(member['centre']), vector_of(member['shift']))
+
+
+@helper
+def end_centre(member: np.void) -> Vector:
+    """Return the centre of mass after the tick, m."""
+    return plus(end_base(member), vector_of(member['residual_shift']))
+
+
+@helper
+def base_velocity(member: np.void) -> Vector:
+    """Return the velocity of the centre after the tick, but for residuals, m/s."""
+    return minus(vector_of(member['velocity']), vector_of(member['residual_velocity']))
+
+
+@helper
+def combination(fit: np.ndarray, features: np.ndarray, count: int) -> Vector:
+    """Return T ψ."""
+    result = ZERO
+    for k in range(count):
+        result = along(result, features[k], vector_of(fit[k]))
+    return result
+
+
+@helper
+def put_rotation(members: np.ndarray, particles: np.ndarray) -> None:
+    """
+    Write inertia and angular velocity after the tick, for the angular momentum then.
+
+    The second moments and the momentum of deformation are those of r = R (p + T ψ) + u and
+    d = R (s + T' ψ) + u', products of sums; residuals u are those of few particles.
+    """
+    for number in range(len(members)):
+        member, rotation = members[number], matrix_of(members[number]['rotation'])
+        if not member['is_soft']:
+            inverse = product(rotation, matrix_of(member['inverse_inertia']))
+            inverse = product(inverse, transposed(rotation))
+            put_matrix(member['end_inverse_inertia'], inverse)
+            rate = applied(inverse, vector_of(member['angular_momentum']))
+            put_vector(member['end_angular_velocity'], rate)
+            continue
+        second, inner = matrix_of(member['second_moments']), vector_of(member['inner_momentum'])
+        for k in range(member['features']):
+            fit, speed = vector_of(member['fit'][k]), vector_of(member['fit_velocity'][k])
+            mixed = outer(plus(vector_of(member['offset'][k]), scaled(0.5, fit)), fit)
+            second = added(second, added(mixed, transposed(mixed)))
+            inner = plus(inner, cross(vector_of(member['offset'][k]), speed))
+            inner = plus(inner, cross(fit, plus(vector_of(member['speed'][k]), speed)))
+        second = product(product(rotation, second), transposed(rotation))
+        put_matrix(member['end_inverse_inertia'], second)
+        put_vector(member['end_angular_velocity'], applied(rotation, inner))
+    for k in range(len(particles)):
+        particle = particles[k]
+        member, weight = members[particle['member']], particle['weight']
+        offset, speed = end_offset(member, particle), end_speed(member, particle)
+        shift, velocity = vector_of(particle['shift']), vector_of(particle['velocity'])
+        mixed = outer(plus(offset, scaled(0.5, shift)), shift)
+        second = added(mixed, transposed(mixed))
+        second = combined(1.0, matrix_of(member['end_inverse_inertia']), weight, second)
+        put_matrix(member['end_inverse_inertia'], second)
+        inner = plus(cross(offset, velocity), cross(shift, plus(speed, velocity)))
+        inner = along(vector_of(member['end_angular_velocity']), weight, inner)
+        put_vector(member['end_angular_velocity'], inner)
+    for number in range(len(members)):
+        member = members[number]
+        if not member['is_soft']:
+            continue
+        shift = vector_of(member['residual_shift'])
+        velocity = vector_of(member['residual_velocity'])
+        second = combined(1.0, matrix_of(member['end_inverse_inertia']), -1.0, outer(shift, shift))
+        inner = minus(vector_of(member['end_angular_velocity']), cross(shift, velocity))
+        inverse = inverse_inertia_of(second, member['scale'])
+        put_matrix(member['end_inverse_inertia'], inverse)
+        momentum = minus(vector_of(member['angular_momentum']), inner)
+        put_vector(member['end_angular_velocity'], applied(inverse, momentum))
+
+
+@helper
+def end_offset(member: np.void, particle: np.void) -> Vector:
+    """Return R (p + T ψ) of a particle, m."""
+    own = combination(member['fit'], particle['features'], member['features'])
+    return applied(matrix_of(member['rotation']), plus(vector_of(particle['offset']), own))
+
+
+@helper
+def end_speed(member: np.void, particle: np.void) -> Vector:
+    """Return R (s + T' ψ) of a particle, m/s."""
+    own = combination(member['fit_velocity'], particle['features'], member['features'])
+    return applied(matrix_of(member['rotation']), plus(vector_of(particle['speed']), own))
+
+
+@helper
+def end_position(member: np.void, particle: np.void) -> Vector:
+    """Return the position of a particle after the tick, m."""
+    return plus(plus(end_base(member), end_offset(member, particle)), vector_of(particle['shift']))
+
+
+@helper
+def end_velocity(member: np.void, particle: np.void) -> Vector:
+    """Return the velocity of a particle after the tick, m/s."""
+    arm = minus(end_position(member, particle), end_centre(member))
+    result = plus(base_velocity(member), cross(vector_of(member['end_angular_velocity']), arm))
+    return plus(plus(result, end_speed(member, particle)), vector_of(particle['velocity']))
+
+
+@helper
+def change_map(body: np.void, shape: np.void, member: np.void) -> None:
+    """Change the map of a body from its flight to the end of the tick, but for residuals."""
+    flight, drift = body['map'][0], body['map'][1]
+    rotation, rate = matrix_of(member['rotation']), vector_of(member['end_angular_velocity'])
+    old_rate = vector_of(member['angular_velocity'])
+    centre, velocity = vector_of(member['centre']), vector_of(body['velocity'])
+    base, end = end_base(member), end_centre(member)
+    for row in range(7 + member['features']):
+        to_x, to_v = vector_of(flight[row]), vector_of(drift[row])
+        if row == 0:
+            to_x, to_v = minus(to_x, centre), minus(to_v, velocity)
+        elif row < 7:
+            continue
+        to_v = minus(to_v, cross(old_rate, to_x))
+        if row >= 7:
+            for k in range(member['features']):
+                share = whitening_at(body, shape, k, row - 7)
+                to_x = along(to_x, share, vector_of(member['fit'][k]))
+                to_v = along(to_v, share, vector_of(member['fit_velocity'][k]))
+        to_x, to_v = applied(rotation, to_x), applied(rotation, to_v)
+        if row == 0:
+            to_v = plus(to_v, base_velocity(member))
+            to_v = plus(to_v, cross(rate, plus(minus(base, end), to_x)))
+            to_x = plus(to_x, base)
+        else:
+            to_v = plus(to_v, cross(rate, to_x))
+        put_vector(flight[row], to_x)
+        put_vector(drift[row], to_v)
+    for first in range(1, 7, 3):
+        to_x, to_v = matrix_of(flight[first : first + 3]), matrix_of(drift[first : first + 3])
+        to_v = combined(1.0, to_v, -1.0, turned_columns(old_rate, to_x))
+        to_x, to_v = product(rotation, to_x), product(rotation, to_v)
+        put_matrix(flight[first : first + 3], to_x)
+        put_matrix(drift[first : first + 3], added(to_v, turned_columns(rate, to_x)))
+
+
+@helper
+def turned_columns(rate: Vector, columns: Matrix) -> Matrix:
+    """Return Ω × A, column by column."""
+    result = transposed(columns)
+    result = (cross(rate, result[0]), cross(rate, result[1]), cross(rate, result[2]))
+    return transposed(result)
+
+
+@helper
+def whitening_at(body: np.void, shape: np.void, k: int, f: int) -> float:
+    """Return an element of the matrix of ψ = W f."""
+    if body['mode'] > 1:
+        return shape['whitening_quadratic'][k, f]
+    return shape['whitening_linear'][k, f]

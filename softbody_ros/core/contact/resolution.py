@@ -1,0 +1,1338 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Contact of bodies with obstacles, points and each other: one problem for all of an island.
+
+Two stages, both solved by `solver`. First positions: the forces f, constant over the tick, such
+that nothing penetrates at its end and nothing slides that friction holds. With λ = h² f / 2 they
+displace a rigid body by λ / M, and change its velocity by 2 λ / (h M); deformable ones, see
+`members`. Then velocities: impulses p at
+the end of the tick, such that contacts separate with ε times the speed of approach, and stick or
+slide within the cone of all of the tick's impulse, h f + p. In rest p = 0, and f is the weight.
+
+Contacts of rigid bodies have a compliance, 1 / (M ω²): it distributes forces over the particles of
+a face, and bounds them where obstacles leave a body no room. Those of deformable ones have one for
+the changes of their forces only, so that the problem is well conditioned where rows share
+particles.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softbody_ros.core.body import QUADRATIC_FEATURES
+from softbody_ros.core.collision.obstacle_contacts import (
+    bounds_of,
+    distance_on_side_of_entry,
+    find_contacts,
+    may_touch,
+)
+from softbody_ros.core.collision.shapes import PLANE
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.exchange import add_wrench_about
+from softbody_ros.core.contact.members import (
+    PARTICLE,
+    RIGID_MODES,
+    add_velocities,
+    change_map,
+    combination,
+    end_base,
+    end_centre,
+    end_velocity,
+    place,
+    place_particles,
+    put_member,
+    put_modes,
+    put_particle,
+    put_rotation,
+    start_velocities,
+)
+from softbody_ros.core.contact.problem import (
+    Problem,
+    mode_response,
+    own_mobility,
+    particle_response,
+)
+from softbody_ros.core.contact.rows import (
+    CONTACT_FREQUENCY,
+    complete_row,
+    copy_record,
+    in_world,
+    put_face_row,
+    put_obstacle_row,
+    put_other_side,
+)
+from softbody_ros.core.contact.solver import LARGEST_ISLAND, solve
+from softbody_ros.core.geometry.bvh import Trees
+from softbody_ros.core.geometry.union_find import root_of, unite
+from softbody_ros.core.geometry.vectors import (
+    IDENTITY,
+    ZERO,
+    Vector,
+    along,
+    applied,
+    column_of,
+    cross,
+    dot,
+    matrix_of,
+    minus,
+    norm,
+    plus,
+    put_column,
+    put_matrix,
+    put_vector,
+    scaled,
+    transposed,
+    vector_of,
+)
+from softbody_ros.core.lanes import LANES, lanes_of, put_vectors, total, vectors_at
+from softbody_ros.core.shape_matching.modal_flight import write
+from softbody_ros.core.shape_matching.rigid_motion import put_motion
+
+VELOCITY_COMPLIANCE = 1e-4
+"""Compliance of contacts for velocities, relative to the inverse mass."""
+MARGIN, SOFT_MARGIN = 0.01, 0.001
+"""Distance, in RMS radii, within which contacts take part that are not made yet: of rigid bodies,
+and of deformable ones, where more are kept the deeper others are (`LEVER`)."""
+LEVER = 2.0
+"""Displacement of particles by contacts at others, relative to the depth of these, at most."""
+RELEASED = 1e-12
+"""Force, relative to that of the positions, that is rounding: the contact has ended."""
+GAIN = 1e-10
+"""Relative gain of energy that is rounding."""
+ROUNDS = 4
+"""Linearisations of the positions, at most."""
+SHIFTS, LARGEST_SHIFT, CORNER_SHIFT = 3, 1e-3, 0.05
+"""Passes in which bodies are shifted out of obstacles in the end, and how far, in RMS radii: at
+most, and particles at another side than that of their contact."""
+CORNERS, SPARE = 2, 2
+"""Searches for contacts of particles with another side, and room for rows, relative to those
+found after the flight."""
+SAME_SIDE, OTHER_SIDE = 0.5, 0.5
+"""Cosine between normals of the same side of an obstacle; and ratio of the depths of a particle
+below the side of its contact and below the nearest one, up to which they differ."""
+LINEARISED, SOFT_LINEARISED = 5e-6, 5e-6
+"""Overlap, or error of gaps by linearisation, in RMS radii, that is tolerated."""
+TOLERANCE, SOFT_TOLERANCE = 1e-11, 1e-10
+"""Of displacements, in RMS radii; of velocities the same over the tick. The second one of islands
+with deformable bodies."""
+PROXIMAL, SOFT_VELOCITY_COMPLIANCE = 0.1, 0.01
+"""Compliance of contacts of deformable bodies, relative to the response of their particles: of
+those that share particles, for changes of forces and for velocities, and of others for
+velocities."""
+
+
+@kernel
+def find_obstacle_rows(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    h: float,
+    memory: np.ndarray,
+    others: bool,
+    members: np.ndarray,
+    contacts: np.ndarray,
+    rows: np.ndarray,
+) -> int:
+    """
+    Write the members, and the rows of their contacts with obstacles.
+
+    Deformable bodies that may touch something get their start shape in the place of the result.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+    chosen : (m,) int
+        bodies without regions and pins
+    shapes : (R,) SHAPE
+    weights, q : (M,), (3, M) float
+        mass shares and rest positions of the particles of all rest shapes
+    x, v : (2, 3, N) float
+        m, m/s
+    obstacles : (O,) OBSTACLE
+    trees : Trees
+        of the meshes of obstacles
+    h : float
+        s
+    memory : (r,) MEMORY
+        of the tick before, in order of its keys
+    others : bool
+        whether there is something else that bodies may touch
+    members : (m,) MEMBER
+        written
+    contacts : (c,) CONTACT
+        scratch for the contacts of one body with one obstacle
+    rows : (k,) ROW
+
+    Returns
+    -------
+    int
+        number of rows, even beyond the capacity
+
+    """
+    found = 0
+    for number in range(len(chosen)):
+        body = bodies[chosen[number]]
+        first, count, now = body['first'], body['count'], body['now']
+        shape = shapes[body['shape']]
+        scale = shape['scale']
+        x0, x1 = x[now], x[1 - now]
+        put_member(members[number], body, shape, chosen[number], h)
+        member = members[number]
+        member['margin'] = (SOFT_MARGIN if member['is_soft'] else MARGIN) * scale
+        speed = norm(vector_of(member['velocity'])) + scale * norm(
+            applied(matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum']))
+        )
+        member['margin'] += h * speed
+        member['nearby'] = member['margin']
+        if member['is_soft'] and (others or nears_any(body, member, obstacles, x)):
+            member['margin'] += put_start_shape(body, x0, x1)
+            member['starts'] = True
+        reach = body['thickness'] + member['margin']
+        low, high, low_before, high_before = ZERO, ZERO, ZERO, ZERO
+        bounded = False
+        for which in range(len(obstacles)):
+            obstacle = obstacles[which]
+            if member['is_soft'] and not member['starts']:
+                break
+            if obstacle['kind'] != PLANE:
+                if not bounded:
+                    low, high = bounds_of(x1, first, count)
+                    low_before, high_before = bounds_of(x0, first, count)
+                    bounded = True
+                if not may_touch(obstacle, low, high, low_before, high_before, reach):
+                    continue
+            near = find_contacts(obstacle, trees, x1, x0, first, count, reach, True, contacts, 0)
+            for k in range(near):
+                if found < len(rows):
+                    weight = weights[shape['first'] + contacts[k]['particle']]
+                    velocity = put_obstacle_row(
+                        rows[found], contacts[k], number, body, shape, reach, weight, obstacle,
+                        which, q, x, v,
+                    )  # fmt: skip
+                    complete_row(rows[found], members, memory, velocity, h)
+                found += 1
+    return found
+
+
+@helper
+def nears_any(body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarray) -> bool:
+    """Return whether a deformable body may touch an obstacle in this tick."""
+    x0, x1 = x[body['now']], x[1 - body['now']]
+    low, high = bounds_of(x1, body['first'], body['count'])
+    low_before, high_before = bounds_of(x0, body['first'], body['count'])
+    reach = body['thickness'] + member['margin'] + MARGIN * member['scale']
+    for which in range(len(obstacles)):
+        obstacle = obstacles[which]
+        if obstacle['kind'] == PLANE:
+            rotation = matrix_of(obstacle['rotation'])
+            normal = (rotation[0][2], rotation[1][2], rotation[2][2])
+            nearest = -dot(vector_of(obstacle['position']), normal)
+            for axis in range(3):
+                one = min(low[axis], low_before[axis]) * normal[axis]
+                two = max(high[axis], high_before[axis]) * normal[axis]
+                nearest += min(one, two)
+            if nearest <= reach:
+                return True
+        elif may_touch(obstacle, low, high, low_before, high_before, reach):
+            return True
+    return False
+
+
+@helper
+def put_start_shape(body: np.void, start: np.ndarray, result: np.ndarray) -> float:
+    """
+    Write the start shape x̂ in the place of the shape after the flight.
+
+    Parameters
+    ----------
+    body : BODY
+        after `modal_flight.fly`
+    start, result : (3, N) float
+        positions before and after, m
+
+    Returns
+    -------
+    float
+        bound of the distance of a particle in both, m: the norm of order 8
+
+    """
+    turn, centre = matrix_of(body['turn']), vector_of(body['centre'])
+    shift = minus(centre, applied(turn, vector_of(body['start_centre'])))
+    first, end, powers = body['first'], body['first'] + body['count'], lanes_of(0.0)
+    for i in range(first, end, LANES):
+        left = end - i
+        turned = plus(shift, applied(turn, vectors_at(start, i, left)))
+        apart = minus(vectors_at(result, i, left), turned)
+        square = dot(apart, apart)
+        square = square * square
+        powers = powers + square * square
+        put_vectors(result, i, left, turned)
+    return math.sqrt(math.sqrt(math.sqrt(total(powers))))
+
+
+@helper
+def without_far(members: np.ndarray, rows: np.ndarray) -> int:
+    """
+    Drop contacts of deformable start shapes that are none after the flight.
+
+    Those are kept that forces at the others may close. The rows that are left come first; returned
+    is their number.
+    """
+    deepest = np.zeros(len(members))
+    for row in rows:
+        deepest[row['one']] = max(deepest[row['one']], -row['gap'])
+        if row['two'] >= 0:
+            deepest[row['two']] = max(deepest[row['two']], -row['gap'])
+    left = 0
+    for k in range(len(rows)):
+        row = rows[k]
+        one = members[row['one']]
+        nearby, deformable = one['nearby'] + LEVER * deepest[row['one']], one['is_soft']
+        if row['two'] >= 0:
+            two = members[row['two']]
+            nearby += two['nearby'] + LEVER * deepest[row['two']]
+            deformable = deformable or two['is_soft']
+        if not (deformable and row['is_new'] and row['gap'] > nearby):
+            if left != k:
+                copy_record(rows, left, rows, k)
+            left += 1
+    return left
+
+
+@kernel
+def find_face_rows(
+    bodies: np.ndarray,
+    contacts: np.ndarray,
+    sets: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    h: float,
+    memory: np.ndarray,
+    members: np.ndarray,
+    rows: np.ndarray,
+    found: int,
+) -> int:
+    """
+    Append the rows of contacts between bodies, and of points with faces of bodies.
+
+    Parameters
+    ----------
+    contacts : (c,) CONTACT
+        of the narrow phase, with columns of `x` as particles
+    sets : (s,) POINT_SET
+    found : int
+        number of rows before
+    bodies, shapes, weights, q, x, v, h, memory, members, rows
+        see `find_obstacle_rows`
+
+    Returns
+    -------
+    int
+        number of rows, even beyond the capacity
+
+    """
+    for contact in contacts:
+        if found < len(rows):
+            velocity = put_face_row(
+                rows[found], contact, bodies, members, sets, shapes, weights, q, x, v, h
+            )
+            complete_row(rows[found], members, memory, velocity, h)
+        found += 1
+    return found
+
+
+@kernel
+def resolve(
+    bodies: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    h: float,
+    members: np.ndarray,
+    rows: np.ndarray,
+    place_of: np.ndarray,
+    remembered: np.ndarray,
+    obstacle_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
+    work: np.ndarray,
+) -> int:
+    """
+    Move bodies by the forces of their contacts, from the flight to the end of the tick.
+
+    Parameters
+    ----------
+    bodies, shapes, weights, q, x, v, obstacles, trees, h, members
+        see `find_obstacle_rows`
+    rows : (k,) ROW
+        all contacts
+    place_of : (N,) int
+        scratch of −1, and so again after that
+    remembered : (k,) MEMORY
+        written, not in order
+    obstacle_impulse, normal_impulse
+        results, see `exchange`
+    work : (3,) int
+        added to: Gauss–Seidel sweeps, Newton steps, problems that are not solved to tolerance
+
+    Returns
+    -------
+    int
+        number of forces to remember
+
+    """
+    count = len(members)
+    rows = rows[: without_far(members, rows)]
+    island, own = np.empty(count, np.int64), np.empty(SPARE * len(rows), rows.dtype)
+    first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
+    inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)
+    used = np.zeros(count, np.int64)
+    sort_into_islands(members, rows, island, first_body, first_row, inside, local, own, used)
+    all_particles = np.empty(4 * len(rows), PARTICLE)
+    kept = 0
+    for root in range(count):
+        first, last = first_row[root], first_row[root] + used[root]
+        together = inside[first_body[root] : first_body[root + 1]]
+        particles = all_particles[:0]
+        if first < last:
+            touched = number_particles(
+                together, own[first:last], bodies, shapes, weights, q, x, v, place_of,
+                all_particles,
+            )  # fmt: skip
+            particles = all_particles[:touched]
+            of_island = own[first : first_row[root + 1]]
+            last = first + resolve_island(
+                together, of_island, last - first, particles, obstacles, trees, h, work
+            )
+        for k in range(first, last):
+            row = own[k]
+            if row['positional'][0] > 0.0 and row['key'] >= 0:
+                remembered[kept]['key'] = row['key']
+                put_vector(remembered[kept]['force'], in_world(row, row['positional']))
+                remembered[kept]['tolerated'] = row['tolerated']
+                kept += 1
+            receive(together, row, h)
+            number = together[row['one']]['body']
+            exchange(row, bodies[number], number, obstacles, h, obstacle_impulse, normal_impulse)
+            if row['two'] >= 0:
+                exchange_face(row, bodies[together[row['two']]['body']], h, normal_impulse)
+        for k in range(len(together)):
+            member = together[k]
+            body = bodies[member['body']]
+            if member['is_soft']:
+                if member['starts']:
+                    shape = shapes[body['shape']]
+                    write_soft_body(body, shape, member, q, x, v, first < last)
+            elif first < last:
+                write_body(body, member, x, v)
+        for particle in particles:
+            write_particle(particle, together, bodies, x, v)
+    return kept
+
+
+@helper
+def number_particles(
+    members: np.ndarray,
+    rows: np.ndarray,
+    bodies: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    place_of: np.ndarray,
+    particles: np.ndarray,
+) -> int:
+    """Write the particles of deformable bodies at contacts, and return their number."""
+    count = 0
+    for row in rows:
+        for corner in range(4):
+            if row['shares'][corner] == 0.0:
+                continue
+            column = row['columns'][corner]
+            if place_of[column] < 0:
+                number = row['one'] if row['shares'][corner] > 0.0 else row['two']
+                member = members[number]
+                body = bodies[member['body']]
+                shape, now = shapes[body['shape']], body['now']
+                weight = weights[shape['first'] + column - body['first']]
+                put_particle(
+                    particles[count], column, number, member, body, shape, weight, q, x[now],
+                    v[now],
+                )  # fmt: skip
+                place_of[column] = count
+                count += 1
+            row['particles'][corner] = place_of[column]
+            particles[place_of[column]]['rows'] += 1
+    for k in range(count):
+        place_of[particles[k]['column']] = -1
+    return count
+
+
+@helper
+def write_soft_body(
+    body: np.void,
+    shape: np.void,
+    member: np.void,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    touched: bool,
+) -> None:
+    """Write the particles of a deformable body after the tick, but for residuals."""
+    now = body['now']
+    if touched:
+        change_map(body, shape, member)
+        put_motion(
+            body, end_centre(member), vector_of(member['velocity']),
+            vector_of(member['angular_momentum']), matrix_of(member['end_inverse_inertia']),
+        )  # fmt: skip
+        put_received(body, member)
+    write(x[now], v[now], body, shape, q, x[1 - now], v[1 - now])
+
+
+@helper
+def write_particle(
+    particle: np.void,
+    members: np.ndarray,
+    bodies: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+) -> None:
+    """Add what a particle at a contact does by itself."""
+    member, column = members[particle['member']], particle['column']
+    half = 1 - bodies[member['body']]['now']
+    shift, rate = vector_of(particle['shift']), vector_of(member['end_angular_velocity'])
+    velocity = plus(vector_of(particle['velocity']), cross(rate, shift))
+    put_column(x[half], column, plus(column_of(x[half], column), shift))
+    put_column(v[half], column, plus(column_of(v[half], column), velocity))
+
+
+@helper
+def sort_into_islands(
+    members: np.ndarray,
+    rows: np.ndarray,
+    island: np.ndarray,
+    first_body: np.ndarray,
+    first_row: np.ndarray,
+    inside: np.ndarray,
+    local: np.ndarray,
+    own: np.ndarray,
+    used: np.ndarray,
+) -> None:
+    """
+    Copy bodies and contacts, island by island; contacts refer to bodies within their island.
+
+    Parameters
+    ----------
+    members, rows : (m,) MEMBER, (k,) ROW
+    island, local : (m,) int
+        written: least member of the island, and number within it
+    first_body, first_row : (m + 1,) int
+        written: where in the copies the island of each least member begins
+    inside, own : (m,) MEMBER, (SPARE k,) ROW
+        written; each island has room for more contacts
+    used : (m,) int
+        zeros; written: number of contacts of the island of each least member
+
+    """
+    count = len(members)
+    for number in range(count):
+        island[number] = number
+    for row in rows:
+        if row['two'] >= 0:
+            unite(island, row['one'], row['two'])
+    for number in range(count):
+        island[number] = root_of(island, number)
+        first_body[island[number] + 1] += 1
+    for row in rows:
+        first_row[island[row['one']] + 1] += SPARE
+    for number in range(count):
+        first_body[number + 1] += first_body[number]
+        first_row[number + 1] += first_row[number]
+    filled = np.zeros(count, np.int64)
+    for number in range(count):
+        root = island[number]
+        local[number] = filled[root]
+        copy_record(inside, first_body[root] + filled[root], members, number)
+        filled[root] += 1
+    for k in range(len(rows)):
+        root = island[rows[k]['one']]
+        place_in = first_row[root] + used[root]
+        copy_record(own, place_in, rows, k)
+        row = own[place_in]
+        row['one'] = local[row['one']]
+        if row['two'] >= 0:
+            row['two'] = local[row['two']]
+        used[root] += 1
+
+
+@helper
+def receive(members: np.ndarray, row: np.void, h: float) -> None:
+    """Add the impulse of a contact, and its moment about the centres after the tick."""
+    point, force = vector_of(row['end_point']), in_world(row, row['force'])
+    for side in range(2):
+        index, sign = side_of(row, side)
+        if index >= 0:
+            member = members[index]
+            centre = end_centre(member)
+            add_wrench_about(member['received'], centre, sign * h, point, force, ZERO)
+
+
+@helper
+def side_of(row: np.void, side: int) -> tuple[int, float]:
+    """Return the member of one side of a contact, or −1, and the sign of the force on it."""
+    if side == 0:
+        return row['one'], 1.0
+    return row['two'], -1.0
+
+
+@helper
+def exchange(
+    row: np.void,
+    body: np.void,
+    number: int,
+    obstacles: np.ndarray,
+    h: float,
+    obstacle_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
+) -> None:
+    """Add what a contact exchanges in the tick, see `contact.exchange`."""
+    half = 1 - body['now']
+    if row['column'] >= 0:
+        normal_impulse[half, row['column']] += h * row['force'][0]
+    else:
+        for corner in range(4):
+            if row['shares'][corner] > 0.0:
+                pressed = row['shares'][corner] * h * row['force'][0]
+                normal_impulse[half, row['columns'][corner]] += pressed
+    body['touches'][half] = 1
+    which = row['obstacle']
+    if which >= 0:
+        # points, the last row, have no origin of their own
+        origin = vector_of(obstacles[which]['position']) if which < len(obstacles) else ZERO
+        add_wrench_about(
+            obstacle_impulse[number, half, which], origin, -h, vector_of(row['end_point']),
+            in_world(row, row['force']), ZERO,
+        )  # fmt: skip
+
+
+@helper
+def exchange_face(row: np.void, body: np.void, h: float, normal_impulse: np.ndarray) -> None:
+    """Add what a contact exchanges in the tick to the body of its face."""
+    half = 1 - body['now']
+    body['touches'][half] = 1
+    for corner in range(4):
+        if row['shares'][corner] < 0.0:
+            normal_impulse[half, row['columns'][corner]] -= (
+                row['shares'][corner] * h * row['force'][0]
+            )
+
+
+@helper
+def resolve_island(
+    members: np.ndarray,
+    room: np.ndarray,
+    used: int,
+    particles: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    h: float,
+    work: np.ndarray,
+) -> int:
+    """
+    Resolve the contacts of one island: positions, then velocities.
+
+    Parameters
+    ----------
+    room : (k,) ROW
+        the contacts, and room for more
+    used : int
+        number of contacts
+    members, particles, obstacles, trees, h, work
+        see `resolve`
+
+    Returns
+    -------
+    int
+        number of contacts, with those found in the end
+
+    """
+    scale, mass, is_soft = members[0]['scale'], members[0]['mass'], False
+    for member in members:
+        scale, mass = min(scale, member['scale']), min(mass, member['mass'])
+        is_soft = is_soft or member['is_soft']
+        put_vector(member['shift'], ZERO)
+        put_matrix(member['rotation'], IDENTITY)
+        put_vector(member['received'][0], ZERO)
+        put_vector(member['received'][1], ZERO)
+    tolerance = (SOFT_TOLERANCE if is_soft else TOLERANCE) * scale
+    linearised = (SOFT_LINEARISED if is_soft else LINEARISED) * scale
+    problem = new_problem(members, room[:used], particles)
+    begin_positions(members, particles, problem, h)
+    last, has_room, unsolved = math.inf, True, work[2]
+    energy = kinetic_energy(members)
+    for number in range(ROUNDS):
+        residual, sweeps, steps = solve(problem, tolerance, mass)
+        work[0], work[1] = work[0] + sweeps, work[1] + steps
+        work[2] += residual > tolerance
+        place_all(members, particles, problem)
+        error, overlap = linearise(members, particles, problem)
+        solved = residual <= tolerance
+        shrinks = overlap <= max(0.5 * last, linearised)
+        has_room = number == 0 or shrinks or not solved
+        if error <= linearised or not has_room:
+            break
+        last = overlap
+    if has_room and is_soft:
+        for _ in range(CORNERS):
+            found = find_corners(members, particles, room, used, obstacles, trees, scale)
+            if found == used:
+                break
+            used = found
+            problem = new_problem(members, room[:used], particles)
+            begin_positions(members, particles, problem, h)
+            for _ in range(2):
+                solve(problem, tolerance, mass)
+                place_all(members, particles, problem)
+                linearise(members, particles, problem)
+    rows = problem.rows
+    if has_room:
+        separate(members, rows, particles, obstacles, trees, scale)
+    else:
+        # the forces of the compliance
+        for k in range(len(rows)):
+            rows[k]['bias'][0] = rows[k]['linear_gap']
+        solve(problem, tolerance, mass)
+        place_all(members, particles, problem)
+    keep_motion(members)
+    change_velocities(members, rows, particles, h)
+    start_velocities(members, particles, problem.modes[0], h)
+    put_rotation(members, particles)
+    acting = begin_velocities(members, particles, problem, h)
+    if acting > 0:
+        impulses = first_rows(problem, acting)
+        residual, sweeps, steps = solve(impulses, tolerance / h, mass)
+        impact = any_impact(impulses.rows) and all_still(impulses.rows) and not is_soft
+        most = energy_after(members, impulses.rows) if impact else 0.0
+        if most > (1.0 + GAIN) * energy:
+            # simultaneous rebounds with friction could gain energy: it is convex in their share
+            rebound(impulses.rows, -1.0)
+            solve(impulses, tolerance / h, mass)
+            least = energy_after(members, impulses.rows)
+            share = min(max((energy - least) / (most - least), 0.0), 1.0)
+            rebound(impulses.rows, share)
+            residual, sweeps, steps = solve(impulses, tolerance / h, mass)
+        work[0], work[1] = work[0] + sweeps, work[1] + steps
+        work[2] += residual > tolerance / h
+        add_impulses(members, impulses.rows)
+        add_velocities(members, particles, problem.modes[0], problem.shifts[0])
+    share = 1.0
+    if work[2] > unsolved and not is_soft:
+        most = largest_energy(members, rows, energy)
+        if kinetic_energy(members) > (1.0 + GAIN) * most:
+            share = keep_energy(members, energy, most)
+    put_rotation(members, particles)
+    for k in range(len(rows)):
+        row = rows[k]
+        for axis in range(3):
+            impulse = row['force'][axis] if k < acting else 0.0
+            row['force'][axis] = share * (row['positional'][axis] + impulse / h)
+        if not row['force'][0] > RELEASED * row['positional'][0]:
+            put_vector(row['force'], ZERO)
+    return used
+
+
+@helper
+def start_of(row: np.void) -> Vector:
+    """Return where the first side of a contact was before the tick, m."""
+    flown = plus(vector_of(row['point']), vector_of(row['offsets'][0]))
+    return minus(flown, vector_of(row['motion']))
+
+
+@helper
+def find_corners(
+    members: np.ndarray,
+    particles: np.ndarray,
+    room: np.ndarray,
+    used: int,
+    obstacles: np.ndarray,
+    trees: Trees,
+    scale: float,
+) -> int:
+    """
+    Append contacts of particles that end up inside an obstacle, at another side of it.
+
+    In the corner of a bin, a particle touches both walls. Returned is the number of rows.
+    """
+    found = used
+    for k in range(used):
+        row = room[k]
+        if row['two'] >= 0 or row['column'] < 0 or not members[row['one']]['is_soft']:
+            continue
+        obstacle = obstacles[row['obstacle']]
+        if obstacle['kind'] == PLANE or found == len(room):
+            continue
+        end = moved(row, 0, members[row['one']], particles)
+        distance, outwards = distance_on_side_of_entry(
+            obstacle, trees, start_of(row), end, row['thickness']
+        )
+        gap = distance - row['thickness'] + row['tolerated']
+        if gap > -LINEARISED * scale or end_gap(row, members, particles) < OTHER_SIDE * gap:
+            continue
+        copy_record(room, found, room, k)
+        put_other_side(room[found], outwards, gap, end)
+        particles[row['particles'][0]]['rows'] += 1
+        found += 1
+    return found
+
+
+@helper
+def new_problem(members: np.ndarray, rows: np.ndarray, particles: np.ndarray) -> Problem:
+    """Return the contact problem of an island, without responses."""
+    count, touched = len(members), len(particles)
+    counts, most, total_modes = np.empty(count, np.int64), RIGID_MODES, 0
+    for number in range(count):
+        counts[number] = RIGID_MODES + 3 * members[number]['features']
+        most, total_modes = max(most, counts[number]), total_modes + counts[number]
+    mobility = np.empty(touched)
+    for k in range(touched):
+        mobility[k] = particles[k]['mobility']
+    factorised = count if total_modes <= LARGEST_ISLAND else 0
+    return Problem(
+        rows,
+        np.empty((len(rows), 2, 3, most + 1)),
+        counts,
+        mobility,
+        np.empty((3, count, most + 1)),
+        np.empty((2, 3, touched)),
+        np.empty((factorised, factorised, most, most)),
+        np.empty((factorised, factorised), np.bool_),
+    )
+
+
+@helper
+def first_rows(problem: Problem, count: int) -> Problem:
+    """Return the problem of the first rows."""
+    return Problem(
+        problem.rows[:count],
+        problem.jacobian[:count],
+        problem.counts,
+        problem.mobility,
+        problem.modes,
+        problem.shifts,
+        problem.hessian,
+        problem.filled,
+    )
+
+
+# --------------------------------------------------------------------------------------- positions
+@helper
+def put_jacobian(
+    row: np.void,
+    jacobian: np.ndarray,
+    members: np.ndarray,
+    particles: np.ndarray,
+    point: Vector,
+    at_end: bool,
+) -> None:
+    """
+    Write J of one contact: responses of the modes to unit forces along normal and tangents.
+
+    Parameters
+    ----------
+    row : ROW
+    jacobian : (2, 3, M) float
+        written
+    members, particles : (m,) MEMBER, (p,) PARTICLE
+    point : vector
+        m
+    at_end : bool
+        whether at the pose after the tick, instead of after the flight
+
+    """
+    features = np.empty(QUADRATIC_FEATURES)
+    for side in range(2):
+        index, sign = side_of(row, side)
+        if index < 0:
+            continue
+        member = members[index]
+        if member['is_soft']:
+            put_features(row, side, particles, features)
+        arm = minus(point, end_centre(member) if at_end else vector_of(member['centre']))
+        for axis in range(3):
+            direction = vector_of(row['normal'])
+            if axis > 0:
+                direction = vector_of(row['tangents'][axis - 1])
+            put_modes(jacobian[side, axis], member, sign, arm, features, direction, at_end)
+
+
+@helper
+def put_features(row: np.void, side: int, particles: np.ndarray, features: np.ndarray) -> None:
+    """Write the features at one side of a contact."""
+    for k in range(len(features)):
+        features[k] = 0.0
+    for corner in range(4):
+        share = row['shares'][corner]
+        if (share > 0.0) == (side == 0) and share != 0.0:
+            own = particles[row['particles'][corner]]['features']
+            for k in range(len(features)):
+                features[k] += abs(share) * own[k]
+
+
+@helper
+def begin_positions(
+    members: np.ndarray, particles: np.ndarray, problem: Problem, h: float
+) -> None:
+    """Write the problem of positions; its unknowns are λ = h² f / 2."""
+    rows, jacobian = problem.rows, problem.jacobian
+    for k in range(len(rows)):
+        row = rows[k]
+        put_jacobian(row, jacobian[k], members, particles, vector_of(row['point']), False)
+        compliance = row['softness'] * row['inverse_mass'] * 2.0
+        compliance /= h * h * CONTACT_FREQUENCY * CONTACT_FREQUENCY
+        mobility = own_mobility(row, problem.mobility)
+        if is_shared(row, particles):
+            compliance += PROXIMAL * mobility
+        row['compliance'][0] = row['compliance'][1] = compliance
+        start = scaled(0.5 * h * h, vector_of(row['remembered']))
+        row['bias'][0] = row['linear_gap'] = row['gap']
+        row['force'][0] = max(dot(start, vector_of(row['normal'])), 0.0)
+        if mobility > 0.0:
+            # for changes of the force only
+            row['bias'][0] -= compliance * row['force'][0]
+        for axis in range(2):
+            along_tangent = dot(start, vector_of(row['tangents'][axis]))
+            row['force'][1 + axis] = along_tangent
+            # the compliance has yielded already
+            row['bias'][1 + axis] = row['slip'][axis] - compliance * along_tangent
+            row['free'][axis] = row['slip'][axis]
+        for axis in range(3):
+            row['base'][axis] = 0.0
+
+
+@helper
+def is_shared(row: np.void, particles: np.ndarray) -> bool:
+    """Return whether other contacts act on a particle of a contact, too."""
+    for corner in range(4):
+        if row['shares'][corner] != 0.0 and particles[row['particles'][corner]]['rows'] > 1:
+            return True
+    return False
+
+
+@helper
+def place_all(members: np.ndarray, particles: np.ndarray, problem: Problem) -> None:
+    """Write the displacements of bodies, and of particles, by λ."""
+    place(members, problem.modes[0])
+    place_particles(members, particles, problem.shifts[0])
+
+
+@helper
+def begin_impulses(members: np.ndarray) -> None:
+    """Begin to add up the impulses of one stage."""
+    for number in range(len(members)):
+        put_vector(members[number]['impulse'][0], ZERO)
+        put_vector(members[number]['impulse'][1], ZERO)
+
+
+@helper
+def moved(row: np.void, side: int, member: np.void, particles: np.ndarray) -> Vector:
+    """Return where the point of a contact is after the tick, as part of one side, m."""
+    point = vector_of(row['point'])
+    arm, own = minus(point, vector_of(member['centre'])), ZERO
+    if member['is_soft']:
+        arm = plus(arm, vector_of(row['offsets'][side]))
+        for corner in range(4):
+            share = row['shares'][corner]
+            if (share > 0.0) == (side == 0) and share != 0.0:
+                particle = particles[row['particles'][corner]]
+                deformed = combination(member['fit'], particle['features'], member['features'])
+                arm = along(arm, abs(share), deformed)
+                own = along(own, abs(share), vector_of(particle['shift']))
+    return plus(plus(end_base(member), applied(matrix_of(member['rotation']), arm)), own)
+
+
+@helper
+def end_gap(row: np.void, members: np.ndarray, particles: np.ndarray) -> float:
+    """Return the gap of a contact after the tick, m."""
+    point, normal = vector_of(row['point']), vector_of(row['normal'])
+    apart = minus(moved(row, 0, members[row['one']], particles), point)
+    apart = minus(apart, vector_of(row['offsets'][0]))
+    if row['two'] >= 0:
+        two = members[row['two']]
+        apart = minus(apart, minus(moved(row, 1, two, particles), point))
+        apart = plus(apart, vector_of(row['offsets'][1]))
+        normal = applied(matrix_of(two['rotation']), normal)
+    elif row['of_face']:
+        normal = applied(matrix_of(members[row['one']]['rotation']), normal)
+    return row['gap'] + dot(normal, apart)
+
+
+@helper
+def linearise(
+    members: np.ndarray,
+    particles: np.ndarray,
+    problem: Problem,
+) -> tuple[float, float]:
+    """
+    Correct the problem by what is not linear, and by overlaps.
+
+    The compliance acts on the change of the force from then on, so that overlaps vanish round by
+    round, unless obstacles leave no room: that bounds the forces all the same.
+
+    Returns
+    -------
+    error : float
+        largest of overlaps and of errors by linearisation, m
+    overlap : float
+        largest one of rigid bodies with obstacles, m
+
+    """
+    jacobian, counts = problem.jacobian, problem.counts
+    y, shifts = problem.modes[0], problem.shifts[0]
+    error = overlap = 0.0
+    for k in range(len(problem.rows)):
+        row = problem.rows[k]
+        gap = end_gap(row, members, particles)
+        motion = mode_response(row, jacobian[k], counts, y)
+        if len(problem.mobility) > 0:
+            motion = plus(motion, particle_response(row, jacobian[k], counts, y, shifts))
+        if row['force'][0] > 0.0 or gap < 0.0:
+            error = max(error, abs(row['linear_gap'] + motion[0] - gap), -gap)
+            if row['two'] < 0 and row['inverse_mass'] > 0.0:
+                overlap = max(overlap, -gap)
+        row['linear_gap'] = gap - motion[0]
+        row['bias'][0] = row['linear_gap'] - row['compliance'][0] * row['force'][0]
+    return error, overlap
+
+
+@helper
+def separate(
+    members: np.ndarray,
+    rows: np.ndarray,
+    particles: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    scale: float,
+) -> None:
+    """
+    Shift bodies, or single particles, out of obstacles by what is left of overlaps.
+
+    That is next to nothing, but where a particle has met another side of an obstacle, as in the
+    corner of a bin.
+    """
+    for _ in range(SHIFTS):
+        shifted = False
+        for k in range(len(rows)):
+            row = rows[k]
+            if row['two'] >= 0:
+                continue
+            member = members[row['one']]
+            most = (CORNER_SHIFT if member['is_soft'] else LARGEST_SHIFT) * scale
+            normal, gap = vector_of(row['normal']), end_gap(row, members, particles)
+            if row['of_face']:
+                normal = applied(matrix_of(member['rotation']), normal)
+            if row['column'] >= 0 and obstacles[row['obstacle']]['kind'] != PLANE:
+                # it may be round
+                place_now = moved(row, 0, member, particles)
+                distance, outwards = distance_on_side_of_entry(
+                    obstacles[row['obstacle']], trees, start_of(row), place_now, row['thickness']
+                )
+                nearest = distance - row['thickness'] + row['tolerated']
+                if (member['is_soft'] and nearest < OTHER_SIDE * gap) or dot(
+                    outwards, normal
+                ) > SAME_SIDE:
+                    gap, normal = nearest, outwards
+            if -most < gap < 0.0:
+                shifted = True
+                if member['is_soft'] and row['column'] >= 0:
+                    particle = particles[row['particles'][0]]
+                    add_shift(member['residual_shift'], -gap * particle['weight'], normal)
+                    add_shift(particle['shift'], -gap, normal)
+                else:
+                    add_shift(member['shift'], -gap, normal)
+        if not shifted:
+            break
+
+
+@helper
+def add_shift(shift: np.ndarray, distance: float, direction: Vector) -> None:
+    """Add a distance in a direction, m."""
+    put_vector(shift, along(vector_of(shift), distance, direction))
+
+
+# -------------------------------------------------------------------------------------- velocities
+@helper
+def change_velocities(
+    members: np.ndarray, rows: np.ndarray, particles: np.ndarray, h: float
+) -> None:
+    """
+    Write forces, and change velocities by them.
+
+    The moment is that of the midpoint of the path of the point of contact about that of the path
+    of the centre without contacts: exact for a force constant over the tick, and equal on both
+    sides, so that angular momentum is conserved.
+    """
+    begin_impulses(members)
+    for k in range(len(rows)):
+        row = rows[k]
+        impulse = scaled(2.0 / h, in_world(row, row['force']))
+        end = moved(row, 0, members[row['one']], particles)
+        middle = scaled(0.5, plus(start_of(row), end))
+        for side in range(2):
+            index, sign = side_of(row, side)
+            if index >= 0:
+                member = members[index]
+                centre, velocity = vector_of(member['centre']), vector_of(member['velocity'])
+                centre = along(centre, -0.5 * h, velocity)
+                add_wrench_about(member['impulse'], centre, sign, middle, impulse, ZERO)
+        for axis in range(3):
+            row['positional'][axis] = row['force'][axis] * 2.0 / (h * h)
+        put_vector(row['end_point'], end)
+    add_momenta(members)
+
+
+@helper
+def add_momenta(members: np.ndarray) -> None:
+    """Change velocities by the impulses of a stage."""
+    for number in range(len(members)):
+        member = members[number]
+        share = 1.0 / member['mass']
+        velocity, momentum = vector_of(member['velocity']), vector_of(member['angular_momentum'])
+        put_vector(member['velocity'], along(velocity, share, vector_of(member['impulse'][0])))
+        momentum = along(momentum, share, vector_of(member['impulse'][1]))
+        put_vector(member['angular_momentum'], momentum)
+
+
+@helper
+def side_velocity(row: np.void, side: int, member: np.void, particles: np.ndarray) -> Vector:
+    """Return the velocity of one side of a contact after the tick, m/s."""
+    if not member['is_soft']:
+        arm = minus(vector_of(row['end_point']), end_centre(member))
+        turning = cross(vector_of(member['end_angular_velocity']), arm)
+        return plus(vector_of(member['velocity']), turning)
+    result = ZERO
+    for corner in range(4):
+        share = row['shares'][corner]
+        if (share > 0.0) == (side == 0) and share != 0.0:
+            velocity = end_velocity(member, particles[row['particles'][corner]])
+            result = along(result, abs(share), velocity)
+    return result
+
+
+@helper
+def begin_velocities(
+    members: np.ndarray, particles: np.ndarray, problem: Problem, h: float
+) -> int:
+    """
+    Write the problem of velocities; its unknowns are the impulses p.
+
+    Contacts without force take no part: those with come first, and their number is returned.
+    """
+    rows, jacobian, acting = problem.rows, problem.jacobian, 0
+    for k in range(len(rows)):
+        if not rows[k]['positional'][0] > 0.0:
+            continue
+        if acting != k:
+            swap(rows, acting, k)
+        row = rows[acting]
+        point = vector_of(row['end_point'])
+        put_jacobian(row, jacobian[acting], members, particles, point, True)
+        velocity = side_velocity(row, 0, members[row['one']], particles)
+        if row['two'] >= 0:
+            other = side_velocity(row, 1, members[row['two']], particles)
+            velocity = minus(velocity, other)
+        else:
+            velocity = minus(velocity, vector_of(row['other_velocity']))
+        normal, yielding = vector_of(row['normal']), 0.0
+        mobility = own_mobility(row, problem.mobility)
+        if mobility == 0.0 and not row['is_new']:
+            # while the compliance yields, or recovers, the sides go on to approach, or to part
+            before = 0.5 * h * h * max(dot(vector_of(row['remembered']), normal), 0.0)
+            yielding = row['compliance'][0] * (row['force'][0] - before) / h
+            least, most = min(row['closing'], 0.0), max(row['closing'], 0.0)
+            yielding = min(max(yielding, least), most)
+        row['bias'][0] = dot(normal, velocity) + row['elasticity'] * row['approach'] + yielding
+        compliance = VELOCITY_COMPLIANCE * row['inverse_mass']
+        share = PROXIMAL if is_shared(row, particles) else SOFT_VELOCITY_COMPLIANCE
+        compliance += share * mobility
+        row['compliance'][0] = row['compliance'][1] = compliance
+        for axis in range(2):
+            tangent = vector_of(row['tangents'][axis])
+            row['free'][axis] = dot(tangent, velocity)
+            row['bias'][1 + axis] = row['free'][axis]
+        for axis in range(3):
+            row['base'][axis] = h * row['positional'][axis]
+            row['force'][axis] = 0.0
+        acting += 1
+    return acting
+
+
+@helper
+def all_still(rows: np.ndarray) -> bool:
+    """Return whether nothing that moves by itself, and so can give energy, is touched."""
+    for k in range(len(rows)):
+        if vector_of(rows[k]['other_velocity']) != ZERO:
+            return False
+    return True
+
+
+@helper
+def any_impact(rows: np.ndarray) -> bool:
+    """Return whether a contact rebounds."""
+    for k in range(len(rows)):
+        if rows[k]['elasticity'] * rows[k]['approach'] < 0.0:
+            return True
+    return False
+
+
+@helper
+def rebound(rows: np.ndarray, change: float) -> None:
+    """Add a multiple of the speeds of rebound to the problem."""
+    for k in range(len(rows)):
+        rows[k]['bias'][0] += change * rows[k]['elasticity'] * rows[k]['approach']
+
+
+@helper
+def kinetic_energy(members: np.ndarray) -> float:
+    """Return the kinetic energy of bodies, J."""
+    total = 0.0
+    for number in range(len(members)):
+        member = members[number]
+        velocity, momentum = vector_of(member['velocity']), vector_of(member['angular_momentum'])
+        local = applied(transposed(matrix_of(member['rotation'])), momentum)
+        turning = dot(local, applied(matrix_of(member['inverse_inertia']), local))
+        total += 0.5 * member['mass'] * (dot(velocity, velocity) + turning)
+    return total
+
+
+@helper
+def keep_motion(members: np.ndarray) -> None:
+    """Keep the momenta before the contacts."""
+    for number in range(len(members)):
+        member = members[number]
+        put_vector(member['momenta'][0], vector_of(member['velocity']))
+        put_vector(member['momenta'][1], vector_of(member['angular_momentum']))
+
+
+@helper
+def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float) -> float:
+    """Return the energy, J, with which bodies can leave obstacles: at twice their speed faster."""
+    fastest = mass = 0.0
+    for k in range(len(rows)):
+        fastest = max(fastest, norm(vector_of(rows[k]['other_velocity'])))
+    for number in range(len(members)):
+        mass += members[number]['mass']
+    root = math.sqrt(energy) + math.sqrt(2.0 * mass) * fastest
+    return root * root
+
+
+@helper
+def keep_energy(members: np.ndarray, energy: float, most: float) -> float:
+    """
+    Take the share of all impulses after which there is not more energy, and return it.
+
+    Impulses that are no solution, since none was found in time, could gain some.
+    """
+    after = kinetic_energy(members)
+    middle = np.empty(len(members), members.dtype)
+    for number in range(len(members)):
+        copy_record(middle, number, members, number)
+        take_share(middle[number], 0.5)
+    # energy + a s + b s²
+    b = 2.0 * (after + energy - 2.0 * kinetic_energy(middle))
+    a = after - energy - b
+    root = math.sqrt(max(a * a + 4.0 * b * (most - energy), 0.0))
+    share = min(max(0.5 * (root - a) / b, 0.0), 1.0) if b > 0.0 else 0.0
+    for number in range(len(members)):
+        take_share(members[number], share)
+    return share
+
+
+@helper
+def take_share(member: np.void, share: float) -> None:
+    """Take back all but a share of the impulses on a body; its displacement stays."""
+    before, angular_before = vector_of(member['momenta'][0]), vector_of(member['momenta'][1])
+    after, angular = vector_of(member['velocity']), vector_of(member['angular_momentum'])
+    put_vector(member['velocity'], along(before, share, minus(after, before)))
+    angular = along(angular_before, share, minus(angular, angular_before))
+    # of the displacement with the velocity that is left, lest angular momentum changes
+    displaced = cross(vector_of(member['shift']), before)
+    put_vector(member['angular_momentum'], along(angular, share - 1.0, displaced))
+
+
+@helper
+def energy_after(members: np.ndarray, rows: np.ndarray) -> float:
+    """Return the kinetic energy with the impulses at the end of the tick, J."""
+    after = np.empty(len(members), members.dtype)
+    for number in range(len(members)):
+        copy_record(after, number, members, number)
+    add_impulses(after, rows)
+    return kinetic_energy(after)
+
+
+@helper
+def swap(rows: np.ndarray, one: int, two: int) -> None:
+    """Exchange two rows."""
+    kept = np.empty(1, rows.dtype)
+    copy_record(kept, 0, rows, one)
+    copy_record(rows, one, rows, two)
+    copy_record(rows, two, kept, 0)
+
+
+@helper
+def add_impulses(members: np.ndarray, rows: np.ndarray) -> None:
+    """Change velocities by the impulses at the end of the tick."""
+    begin_impulses(members)
+    for k in range(len(rows)):
+        row = rows[k]
+        point, impulse = vector_of(row['end_point']), in_world(row, row['force'])
+        for side in range(2):
+            index, sign = side_of(row, side)
+            if index >= 0:
+                centre = end_centre(members[index])
+                add_wrench_about(members[index]['impulse'], centre, sign, point, impulse, ZERO)
+    add_momenta(members)
+
+
+@helper
+def write_body(body: np.void, member: np.void, x: np.ndarray, v: np.ndarray) -> None:
+    """Write the particles and the rigid motion of a body after the tick."""
+    x1, v1 = x[1 - body['now']], v[1 - body['now']]
+    old, rotation = vector_of(member['centre']), matrix_of(member['rotation'])
+    centre, velocity = plus(old, vector_of(member['shift'])), vector_of(member['velocity'])
+    angular = vector_of(member['end_angular_velocity'])
+    for i in range(body['first'], body['first'] + body['count'], LANES):
+        left = body['first'] + body['count'] - i
+        arm = applied(rotation, minus(vectors_at(x1, i, left), old))
+        put_vectors(x1, i, left, plus(centre, arm))
+        put_vectors(v1, i, left, plus(velocity, cross(angular, arm)))
+    put_motion(
+        body, centre, velocity, vector_of(member['angular_momentum']),
+        matrix_of(member['end_inverse_inertia']),
+    )  # fmt: skip
+    put_received(body, member)
+
+
+@helper
+def put_received(body: np.void, member: np.void) -> None:
+    """Write what a body has received from its contacts, per mass."""
+    share = 1.0 / member['mass']
+    for row in range(2):
+        given = vector_of(member['received'][row])
+        put_vector(body['received'][row], along(vector_of(body['received'][row]), share, given))
