@@ -167,3 +167,23 @@ def assert_as_if_alone(bodies, ticks):
         assert together.positions(config.name) == pytest.approx(
             alone.positions(config.name), abs=1e-12
         )
+
+
+def stretch(q, weights):
+    """Return a deviation from rest positions (n, 3) that keeps the volume: longer and thinner."""
+    return q * (1.0, -0.5, -0.5)
+
+
+def breathing(q, weights):
+    """Return a deviation from rest positions (n, 3) that changes the volume."""
+    return q
+
+
+def wrinkle(q, weights):
+    """Return the part of a fine pattern that no quadratic goal follows."""
+    x, y, z = (q / np.abs(q).max()).T
+    pattern = np.stack([x * y * z, x**3 * y, y**2 * z**2 * x], axis=1)
+    ones = np.ones_like(x)
+    known = np.stack([ones, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
+    root = np.sqrt(weights)[:, None]
+    return pattern - known @ np.linalg.lstsq(root * known, root * pattern, rcond=None)[0]

@@ -10,6 +10,7 @@ from core_helpers import (
     angular_momentum,
     apart,
     body,
+    breathing,
     cad_mesh,
     centre,
     disturbed,
@@ -20,6 +21,8 @@ from core_helpers import (
     rank_deficient_shapes,
     rms_displacement,
     sheared_box,
+    stretch,
+    wrinkle,
 )
 import numpy as np
 import pytest
@@ -39,9 +42,6 @@ REFERENCE = 1 / 120
 
 
 # ------------------------------------------------------------------------------ step independence
-STRETCH = np.diag([1.0, -0.5, -0.5])
-
-
 def history(config, h, deviation, seconds=0.5):
     """
     Return the amplitude of a small deviation from the rest shape over time.
@@ -64,24 +64,6 @@ def history(config, h, deviation, seconds=0.5):
         projection = np.einsum('n,ni,ni->', rest.weights, offset, shape)
         amplitudes.append(projection / np.einsum('n,ni,ni->', rest.weights, shape, shape) / 1e-4)
     return np.array(amplitudes)
-
-
-def stretch(q, weights):
-    return q @ STRETCH
-
-
-def breathing(q, weights):
-    return q
-
-
-def wrinkle(q, weights):
-    """Return the part of a fine pattern that no quadratic goal follows."""
-    x, y, z = (q / np.abs(q).max()).T
-    pattern = np.stack([x * y * z, x**3 * y, y**2 * z**2 * x], axis=1)
-    ones = np.ones_like(x)
-    known = np.stack([ones, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
-    root = np.sqrt(weights)[:, None]
-    return pattern - known @ np.linalg.lstsq(root * known, root * pattern, rcond=None)[0]
 
 
 def free_swing(omega, zeta, times):
@@ -321,7 +303,8 @@ def left_of_the_velocity(damping, mode, h, ticks):
     """Return what is left of a velocity of deformation that nothing else acts on."""
     config = body(mode=mode, stiffness=0.0, damping=damping)
     world = floating(config, h=h, reference_step=REFERENCE)
-    weights, speed = world.rest_shape('body').weights, 1e-4 * world.positions('body') @ STRETCH
+    weights = world.rest_shape('body').weights
+    speed = stretch(1e-4 * world.positions('body'), weights)
     world.set_state('body', velocities=speed + (1.0, 2.0, 3.0))
     world.step(ticks)
     now = world.velocities('body') - momentum(world)

@@ -9,18 +9,18 @@ Bodies are so small that all of it also runs as plain Python, with NUMBA_DISABLE
 import itertools
 
 from core_helpers import body, cloud, random_rotation, rank_deficient_shapes, sheet
+from flights import Flying, disturb, inertia, inverse_inertia, nearest_rotation, pebble
 from kernels import of_rest_volume
 import numpy as np
 import pytest
 
-from softbody_ros.core import Surface, make_surface
+from softbody_ros.core import make_surface
 from softbody_ros.core.shape_matching import flight, moments
 from softbody_ros.core.shape_matching.gains import put_gains
 from softbody_ros.core.shape_matching.pins import make_pins
 from softbody_ros.core.shape_matching.regions import make_regions
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
-from softbody_ros.core.state import Body, State
-from softbody_ros.core.step import accept
+from softbody_ros.core.state import Body
 
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')
@@ -29,92 +29,34 @@ GRAVITY = np.array([1.0, -2.0, -9.0])
 EXACT = 1e-13
 
 
-def pebble():
-    """Return a closed surface of 42 particles without any symmetry."""
-    ball = make_surface('icosphere', 0.5, 1)
-    shear = np.array([[1.0, 0.3, -0.2], [0.0, 0.8, 0.2], [0.1, 0.0, 1.2]])
-    bent = ball.vertices @ shear.T
-    return Surface(bent + 0.2 * bent**2 + (0.2, -0.1, 0.3), ball.faces)
-
-
-class Flights:
+class Flights(Flying):
     """Bodies that nothing touches, as `World` prepares them for the kernel."""
 
     def __init__(self, *configs, h=1 / 240, gravity=(0.0, 0.0, 0.0)):
-        self.h, self.gravity = h, np.array(gravity)
-        self.bodies = []
+        bodies = []
         for config in configs:
             rest, regions = make_rest_shape(config.mesh), None
             if config.regions_count:
                 regions = make_regions(rest, config.regions_count, config.regions_overlap)
-            self.bodies.append(Body(config, rest, regions, make_pins(config, rest)))
-        self.state = State(self.bodies)
+            bodies.append(Body(config, rest, regions, make_pins(config, rest)))
+        super().__init__(bodies, h, gravity)
         for record, config in zip(self.state.bodies, configs, strict=True):
             put_gains(record, config, h, REFERENCE)
 
     def fly(self, awake=None):
         """Compute a tick of all bodies, or of some; the state stays."""
         state = self.state
-        awake = np.arange(len(self.bodies)) if awake is None else np.array(awake, np.int64)
         return flight.predict_and_match(
-            state.bodies, awake, state.shapes, state.weights, state.q, state.regions,
+            state.bodies, self.chosen(awake), state.shapes, state.weights, state.q, state.regions,
             state.member, state.features, state.weighted_features, state.x, state.v,
             state.region_goals,
             state.stretch, state.match_centre, state.match_posture, self.gravity, self.h,
         )  # fmt: skip
 
-    def step(self, ticks=1):
-        for _ in range(ticks):
-            assert self.fly() == 0
-            self.accept(np.arange(len(self.bodies)))
-
-    def accept(self, awake):
-        state = self.state
-        accept(
-            state.bodies, awake, state.shapes, state.weights, state.x, self.h, state.reaction,
-            state.normal_impulse, state.obstacle_impulse, state.obstacle_total,
-        )  # fmt: skip
-
-    def put(self, x, v, index=0):
-        self.state.positions(index)[:], self.state.velocities(index)[:] = x.T, v.T
-
-    def positions(self, index=0):
-        return self.state.positions(index).T.copy()
-
-    def velocities(self, index=0):
-        return self.state.velocities(index).T.copy()
-
-    def momenta(self, index=0):
-        """Return Σ w v and Σ w (x − centre) × v."""
-        w, x, v = self.bodies[index].rest.weights, self.positions(index), self.velocities(index)
-        return w @ v, w @ np.cross(x - w @ x, v)
-
-
-def disturb(flights, index=0, seed=0, shape=0.1, speed=1.0):
-    """Rotate, deform and bend a body, and let its particles move."""
-    random, rest = np.random.default_rng(seed), flights.bodies[index].rest
-    linear = random_rotation(seed) @ (np.eye(3) + shape * random.normal(size=(3, 3)))
-    bend = shape * random.normal(size=(3, 6))
-    x = rest.scale * (linear @ rest.features[1:4] + bend @ rest.features[4:])
-    x += 0.2 * shape * rest.scale * random.normal(size=x.shape)
-    v = speed * rest.scale * random.normal(size=(len(rest.weights), 3))
-    v += np.cross(speed * random.normal(size=3), x.T) + random.normal(size=3)
-    flights.put(x.T + random.normal(size=3), v, index)
-
 
 # ------------------------------------------------------------------------ the formulas, in NumPy
-def nearest_rotation(moment):
-    """Return the proper rotation nearest to a matrix (section 3.3)."""
-    u, _, vt = np.linalg.svd(moment)
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-
-
-def inertia(w, arms):
-    return np.einsum('n,ni,ni->', w, arms, arms) * np.eye(3) - (arms * w[:, None]).T @ arms
-
-
 def angular_velocity(w, arms, angular_momentum):
-    return np.linalg.pinv(inertia(w, arms), rcond=1e-12, hermitian=True) @ angular_momentum
+    return inverse_inertia(w, arms) @ angular_momentum
 
 
 def undeformed(moment, stretch):

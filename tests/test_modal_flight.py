@@ -11,12 +11,16 @@ import itertools
 from compiled_code import vector_instructions
 from core_helpers import (
     body,
+    breathing,
     cad_mesh,
     frequency_and_decay,
     random_rotation,
     rank_deficient_shapes,
     sheared_box,
+    stretch,
+    wrinkle,
 )
+from flights import Flying, disturb, inertia, inverse_inertia, nearest_rotation, pebble
 from kernels import of_rest_volume
 import numpy as np
 import pytest
@@ -27,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from softbody_ros.core import Surface, make_surface
 from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
-from softbody_ros.core.geometry.vectors import put_column, put_matrix, vector_of
+from softbody_ros.core.geometry.vectors import column_of, put_column, put_matrix, vector_of
 from softbody_ros.core.shape_matching import modal_flight
 from softbody_ros.core.shape_matching.gains import (
     BREATHING,
@@ -43,7 +47,6 @@ from softbody_ros.core.shape_matching.gains import (
 from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
 from softbody_ros.core.shape_matching.rest_shape import SHAPE, make_rest_shape
 from softbody_ros.core.state import Body, State
-from softbody_ros.core.step import accept
 
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')
@@ -57,22 +60,13 @@ def ticks(count):
     return count if is_compiled() else max(count // 100, 3)
 
 
-def pebble():
-    """Return a closed surface of 42 particles without any symmetry."""
-    ball = make_surface('icosphere', 0.5, 1)
-    shear = np.array([[1.0, 0.3, -0.2], [0.0, 0.8, 0.2], [0.1, 0.0, 1.2]])
-    bent = ball.vertices @ shear.T
-    return Surface(bent + 0.2 * bent**2 + (0.2, -0.1, 0.3), ball.faces)
-
-
-class Flights:
+class Flights(Flying):
     """Bodies that nothing touches."""
 
     def __init__(
         self, *configs, h=1 / 240, gravity=(0.0, 0.0, 0.0), kappa=KAPPA, reference=REFERENCE
     ):
-        self.h, self.gravity = h, np.array(gravity)
-        self.bodies = [
+        bodies = [
             Body(
                 config,
                 make_rest_shape(make_surface(config.mesh, config.size, config.subdivisions)),
@@ -81,7 +75,7 @@ class Flights:
             else Body(config, make_rest_shape(config.mesh))
             for config in configs
         ]
-        self.state = State(self.bodies)
+        super().__init__(bodies, h, gravity)
         for record, config in zip(self.state.bodies, configs, strict=True):
             put_gains(record, config, h, reference)
             put_modal_gains(record, config, h, reference, kappa)
@@ -89,35 +83,12 @@ class Flights:
     def fly(self, awake=None):
         """Compute a tick of all bodies, or of some; the state stays."""
         state = self.state
-        awake = np.arange(len(self.bodies)) if awake is None else np.array(awake, np.int64)
         return modal_flight.fly(
-            state.bodies, awake, state.shapes, state.weights, state.q, state.x, state.v,
-            state.stretch, state.match_centre, state.match_posture, state.regions,
+            state.bodies, self.chosen(awake), state.shapes, state.weights, state.q, state.x,
+            state.v, state.stretch, state.match_centre, state.match_posture, state.regions,
             state.member, state.weighted_features, state.first_corner, state.corners,
             state.normal_impulse, self.gravity, self.h,
         )  # fmt: skip
-
-    def step(self, count=1):
-        for _ in range(count):
-            assert self.fly() == 0
-            self.accept()
-
-    def accept(self):
-        state = self.state
-        accept(
-            state.bodies, np.arange(len(self.bodies)), state.shapes, state.weights, state.x,
-            self.h, state.reaction, state.normal_impulse, state.obstacle_impulse,
-            state.obstacle_total,
-        )  # fmt: skip
-
-    def put(self, x, v, index=0):
-        self.state.positions(index)[:], self.state.velocities(index)[:] = x.T, v.T
-
-    def positions(self, index=0):
-        return self.state.positions(index).T.copy()
-
-    def velocities(self, index=0):
-        return self.state.velocities(index).T.copy()
 
     def flown(self, index=0):
         """Return positions and velocities that `fly` has computed."""
@@ -125,11 +96,6 @@ class Flights:
         return self.state.x[1 - now, :, columns].T.copy(), self.state.v[
             1 - now, :, columns
         ].T.copy()
-
-    def momenta(self, index=0):
-        """Return Σ w v and Σ w (x − centre) × v."""
-        w, x, v = self.bodies[index].rest.weights, self.positions(index), self.velocities(index)
-        return w @ v, w @ np.cross(x - w @ x, v)
 
     def features(self, index=0):
         """Return the features (F, n) of the mode of a body."""
@@ -145,33 +111,7 @@ class Flights:
         return np.sqrt(rest.weights @ np.sum(far**2, axis=1)) / rest.scale
 
 
-def disturb(flights, index=0, seed=0, shape=0.1, speed=1.0):
-    """Rotate, deform and bend a body, and let its particles move."""
-    random, rest = np.random.default_rng(seed), flights.bodies[index].rest
-    linear = random_rotation(seed) @ (np.eye(3) + shape * random.normal(size=(3, 3)))
-    bend = shape * random.normal(size=(3, 6))
-    x = rest.scale * (linear @ rest.features[1:4] + bend @ rest.features[4:])
-    x += 0.2 * shape * rest.scale * random.normal(size=x.shape)
-    v = speed * rest.scale * random.normal(size=(len(rest.weights), 3))
-    v += np.cross(speed * random.normal(size=3), x.T) + random.normal(size=3)
-    flights.put(x.T + random.normal(size=3), v, index)
-
-
 # -------------------------------------------------------------------------- the formulas, in NumPy
-def nearest_rotation(moment):
-    """Return the proper rotation nearest to a matrix (section 3.3)."""
-    u, _, vt = np.linalg.svd(moment)
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-
-
-def inertia(w, arms):
-    return np.einsum('n,ni,ni->', w, arms, arms) * np.eye(3) - (arms * w[:, None]).T @ arms
-
-
-def inverse_inertia(w, arms):
-    return np.linalg.pinv(inertia(w, arms), rcond=1e-12, hermitian=True)
-
-
 def exponential(a):
     return Rotation.from_rotvec(a).as_matrix()
 
@@ -593,27 +533,6 @@ def test_a_disc_that_spins_is_as_wide_as_the_centrifugal_force_makes_it():
 
 
 # ------------------------------------------------------------------------------------------- modes
-STRETCH = np.diag([1.0, -0.5, -0.5])
-
-
-def stretch(q, weights):
-    return q @ STRETCH
-
-
-def breathe(q, weights):
-    return q
-
-
-def wrinkle(q, weights):
-    """Return the part of a fine pattern that no quadratic goal follows."""
-    x, y, z = (q / np.abs(q).max()).T
-    pattern = np.stack([x * y * z, x**3 * y, y**2 * z**2 * x], axis=1)
-    ones = np.ones_like(x)
-    known = np.stack([ones, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
-    root = np.sqrt(weights)[:, None]
-    return pattern - known @ np.linalg.lstsq(root * known, root * pattern, rcond=None)[0]
-
-
 def history(config, h, deviation, seconds, kappa=KAPPA):
     """Return the amplitudes over time of a small deviation from the rest shape."""
     flights = Flights(config, h=h, kappa=kappa)
@@ -635,9 +554,9 @@ def history(config, h, deviation, seconds, kappa=KAPPA):
     [
         (stretch, FOLLOWED, 0.0),
         (stretch, FOLLOWED, 1.0),
-        (breathe, FOLLOWED, 0.0),
-        (breathe, BREATHING, 0.2),
-        (breathe, BREATHING, 0.5),
+        (breathing, FOLLOWED, 0.0),
+        (breathing, BREATHING, 0.2),
+        (breathing, BREATHING, 0.5),
         (wrinkle, RESIDUAL, 1.0),
     ],
 )
@@ -967,7 +886,10 @@ def all_after(body, shape, q, x, v, result):
         i = body['first'] + k
         put_column(result[0], k, modal_flight.position_after(body, shape, q, x, v, i))
         put_column(result[1], k, modal_flight.velocity_after(body, shape, q, x, v, i))
-        put_column(result[2], k, modal_flight.start_position(body, x, i))
+    copy = np.zeros(x.shape)
+    modal_flight.put_start_shape(body, x, copy)
+    for k in range(body['count']):
+        put_column(result[2], k, column_of(copy, body['first'] + k))
 
 
 @kernel

@@ -56,7 +56,6 @@ BODY = np.dtype(
         ('coulomb', np.bool_),
         ('thickness', np.float64),  # m
         ('mass', np.float64),  # kg
-        ('kappa', np.float64),  # frequency of the residual, relative to that of the stiffness
         # of regular states, degenerate ones, and of bodies that touch something; each of followed
         # modes, residual and change of volume
         ('responses', np.float64, (3, 3, 7)),

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softbody_ros.core.compiled import helper
+from softbody_ros.core.contact.rows import in_world
 from softbody_ros.core.geometry.vectors import (
     ZERO,
     Vector,
@@ -31,7 +32,6 @@ from softbody_ros.core.geometry.vectors import (
     column_of,
     dot,
     plus,
-    scaled,
     vector_of,
 )
 
@@ -102,10 +102,7 @@ def add_particles(
     shifts: np.ndarray,
 ) -> None:
     """Add g Sᵀ f and Kᵀ f of one row."""
-    tangents = row['tangents']
-    world = scaled(force[0], vector_of(row['normal']))
-    world = along(world, force[1], vector_of(tangents[0]))
-    world = along(world, force[2], vector_of(tangents[1]))
+    world = in_world(row, force)
     for corner in range(4):
         share = row['shares'][corner]
         if share != 0.0:

@@ -59,10 +59,12 @@ from softbody_ros.core.contact.rows import (
     CONTACT_FREQUENCY,
     complete_row,
     copy_record,
+    flown,
     in_world,
     put_face_row,
     put_obstacle_row,
     put_other_side,
+    share_of,
 )
 from softbody_ros.core.contact.solver import LARGEST_ISLAND, solve
 from softbody_ros.core.geometry.bvh import Trees
@@ -87,8 +89,8 @@ from softbody_ros.core.geometry.vectors import (
     transposed,
     vector_of,
 )
-from softbody_ros.core.lanes import LANES, lanes_of, put_vectors, total, vectors_at
-from softbody_ros.core.shape_matching.modal_flight import write
+from softbody_ros.core.lanes import LANES, put_vectors, vectors_at
+from softbody_ros.core.shape_matching.modal_flight import put_start_shape, write
 from softbody_ros.core.shape_matching.rigid_motion import put_motion
 
 VELOCITY_COMPLIANCE = 1e-4
@@ -113,7 +115,7 @@ found after the flight."""
 SAME_SIDE, OTHER_SIDE = 0.5, 0.5
 """Cosine between normals of the same side of an obstacle; and ratio of the depths of a particle
 below the side of its contact and below the nearest one, up to which they differ."""
-LINEARISED, SOFT_LINEARISED = 5e-6, 5e-6
+LINEARISED = 5e-6
 """Overlap, or error of gaps by linearisation, in RMS radii, that is tolerated."""
 TOLERANCE, SOFT_TOLERANCE = 1e-11, 1e-10
 """Of displacements, in RMS radii; of velocities the same over the tick. The second one of islands
@@ -196,13 +198,13 @@ def find_obstacle_rows(
         if member['is_soft'] and (others or nears_any(body, member, obstacles, x)):
             member['margin'] += put_start_shape(body, x0, x1)
             member['starts'] = True
+        if member['is_soft'] and not member['starts']:
+            continue
         reach = body['thickness'] + member['margin']
         low, high, low_before, high_before = ZERO, ZERO, ZERO, ZERO
         bounded = False
         for which in range(len(obstacles)):
             obstacle = obstacles[which]
-            if member['is_soft'] and not member['starts']:
-                break
             if obstacle['kind'] != PLANE:
                 if not bounded:
                     low, high = bounds_of(x1, first, count)
@@ -245,38 +247,6 @@ def nears_any(body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarr
         elif may_touch(obstacle, low, high, low_before, high_before, reach):
             return True
     return False
-
-
-@helper
-def put_start_shape(body: np.void, start: np.ndarray, result: np.ndarray) -> float:
-    """
-    Write the start shape x̂ in the place of the shape after the flight.
-
-    Parameters
-    ----------
-    body : BODY
-        after `modal_flight.fly`
-    start, result : (3, N) float
-        positions before and after, m
-
-    Returns
-    -------
-    float
-        bound of the distance of a particle in both, m: the norm of order 8
-
-    """
-    turn, centre = matrix_of(body['turn']), vector_of(body['centre'])
-    shift = minus(centre, applied(turn, vector_of(body['start_centre'])))
-    first, end, powers = body['first'], body['first'] + body['count'], lanes_of(0.0)
-    for i in range(first, end, LANES):
-        left = end - i
-        turned = plus(shift, applied(turn, vectors_at(start, i, left)))
-        apart = minus(vectors_at(result, i, left), turned)
-        square = dot(apart, apart)
-        square = square * square
-        powers = powers + square * square
-        put_vectors(result, i, left, turned)
-    return math.sqrt(math.sqrt(math.sqrt(total(powers))))
 
 
 @helper
@@ -430,7 +400,7 @@ def resolve(
             number = together[row['one']]['body']
             exchange(row, bodies[number], number, obstacles, h, obstacle_impulse, normal_impulse)
             if row['two'] >= 0:
-                exchange_face(row, bodies[together[row['two']]['body']], h, normal_impulse)
+                press(row, 1, bodies[together[row['two']]['body']], h, normal_impulse)
         for k in range(len(together)):
             member = together[k]
             body = bodies[member['body']]
@@ -498,11 +468,7 @@ def write_soft_body(
     now = body['now']
     if touched:
         change_map(body, shape, member)
-        put_motion(
-            body, end_centre(member), vector_of(member['velocity']),
-            vector_of(member['angular_momentum']), matrix_of(member['end_inverse_inertia']),
-        )  # fmt: skip
-        put_received(body, member)
+        put_end(body, member)
     write(x[now], v[now], body, shape, q, x[1 - now], v[1 - now])
 
 
@@ -613,16 +579,8 @@ def exchange(
     normal_impulse: np.ndarray,
 ) -> None:
     """Add what a contact exchanges in the tick, see `contact.exchange`."""
-    half = 1 - body['now']
-    if row['column'] >= 0:
-        normal_impulse[half, row['column']] += h * row['force'][0]
-    else:
-        for corner in range(4):
-            if row['shares'][corner] > 0.0:
-                pressed = row['shares'][corner] * h * row['force'][0]
-                normal_impulse[half, row['columns'][corner]] += pressed
-    body['touches'][half] = 1
-    which = row['obstacle']
+    half, which = 1 - body['now'], row['obstacle']
+    press(row, 0, body, h, normal_impulse)
     if which >= 0:
         # points, the last row, have no origin of their own
         origin = vector_of(obstacles[which]['position']) if which < len(obstacles) else ZERO
@@ -633,15 +591,17 @@ def exchange(
 
 
 @helper
-def exchange_face(row: np.void, body: np.void, h: float, normal_impulse: np.ndarray) -> None:
-    """Add what a contact exchanges in the tick to the body of its face."""
-    half = 1 - body['now']
+def press(row: np.void, side: int, body: np.void, h: float, normal_impulse: np.ndarray) -> None:
+    """Mark that a contact acts on the body of one side, and add its normal impulse there."""
+    half, force = 1 - body['now'], row['force'][0]
     body['touches'][half] = 1
-    for corner in range(4):
-        if row['shares'][corner] < 0.0:
-            normal_impulse[half, row['columns'][corner]] -= (
-                row['shares'][corner] * h * row['force'][0]
-            )
+    if side == 0 and row['column'] >= 0:
+        normal_impulse[half, row['column']] += h * force
+    else:
+        for corner in range(4):
+            share = share_of(row, side, corner)
+            if share > 0.0:
+                normal_impulse[half, row['columns'][corner]] += share * h * force
 
 
 @helper
@@ -682,7 +642,7 @@ def resolve_island(
         put_vector(member['received'][0], ZERO)
         put_vector(member['received'][1], ZERO)
     tolerance = (SOFT_TOLERANCE if is_soft else TOLERANCE) * scale
-    linearised = (SOFT_LINEARISED if is_soft else LINEARISED) * scale
+    linearised = LINEARISED * scale
     problem = new_problem(members, room[:used], particles)
     begin_positions(members, particles, problem, h)
     last, has_room, unsolved = math.inf, True, work[2]
@@ -761,8 +721,7 @@ def resolve_island(
 @helper
 def start_of(row: np.void) -> Vector:
     """Return where the first side of a contact was before the tick, m."""
-    flown = plus(vector_of(row['point']), vector_of(row['offsets'][0]))
-    return minus(flown, vector_of(row['motion']))
+    return minus(flown(row), vector_of(row['motion']))
 
 
 @helper
@@ -888,11 +847,11 @@ def put_features(row: np.void, side: int, particles: np.ndarray, features: np.nd
     for k in range(len(features)):
         features[k] = 0.0
     for corner in range(4):
-        share = row['shares'][corner]
-        if (share > 0.0) == (side == 0) and share != 0.0:
+        share = share_of(row, side, corner)
+        if share > 0.0:
             own = particles[row['particles'][corner]]['features']
             for k in range(len(features)):
-                features[k] += abs(share) * own[k]
+                features[k] += share * own[k]
 
 
 @helper
@@ -958,12 +917,12 @@ def moved(row: np.void, side: int, member: np.void, particles: np.ndarray) -> Ve
     if member['is_soft']:
         arm = plus(arm, vector_of(row['offsets'][side]))
         for corner in range(4):
-            share = row['shares'][corner]
-            if (share > 0.0) == (side == 0) and share != 0.0:
+            share = share_of(row, side, corner)
+            if share > 0.0:
                 particle = particles[row['particles'][corner]]
                 deformed = combination(member['fit'], particle['features'], member['features'])
-                arm = along(arm, abs(share), deformed)
-                own = along(own, abs(share), vector_of(particle['shift']))
+                arm = along(arm, share, deformed)
+                own = along(own, share, vector_of(particle['shift']))
     return plus(plus(end_base(member), applied(matrix_of(member['rotation']), arm)), own)
 
 
@@ -1128,10 +1087,10 @@ def side_velocity(row: np.void, side: int, member: np.void, particles: np.ndarra
         return plus(vector_of(member['velocity']), turning)
     result = ZERO
     for corner in range(4):
-        share = row['shares'][corner]
-        if (share > 0.0) == (side == 0) and share != 0.0:
+        share = share_of(row, side, corner)
+        if share > 0.0:
             velocity = end_velocity(member, particles[row['particles'][corner]])
-            result = along(result, abs(share), velocity)
+            result = along(result, share, velocity)
     return result
 
 
@@ -1322,16 +1281,16 @@ def write_body(body: np.void, member: np.void, x: np.ndarray, v: np.ndarray) -> 
         arm = applied(rotation, minus(vectors_at(x1, i, left), old))
         put_vectors(x1, i, left, plus(centre, arm))
         put_vectors(v1, i, left, plus(velocity, cross(angular, arm)))
-    put_motion(
-        body, centre, velocity, vector_of(member['angular_momentum']),
-        matrix_of(member['end_inverse_inertia']),
-    )  # fmt: skip
-    put_received(body, member)
+    put_end(body, member)
 
 
 @helper
-def put_received(body: np.void, member: np.void) -> None:
-    """Write what a body has received from its contacts, per mass."""
+def put_end(body: np.void, member: np.void) -> None:
+    """Write the rigid motion of a body after the tick, and what its contacts gave it, per mass."""
+    put_motion(
+        body, end_centre(member), vector_of(member['velocity']),
+        vector_of(member['angular_momentum']), matrix_of(member['end_inverse_inertia']),
+    )  # fmt: skip
     share = 1.0 / member['mass']
     for row in range(2):
         given = vector_of(member['received'][row])

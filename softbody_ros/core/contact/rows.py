@@ -152,9 +152,6 @@ def complete_row(
     """
     recall(row, memory)
     one, normal = members[row['one']], vector_of(row['normal'])
-    first, second = tangents_of(normal)
-    put_vector(row['tangents'][0], first)
-    put_vector(row['tangents'][1], second)
     row['inverse_mass'] = 0.0 if one['is_soft'] else 1.0 / one['mass']
     if row['two'] >= 0 and not members[row['two']]['is_soft']:
         row['inverse_mass'] += 1.0 / members[row['two']]['mass']
@@ -170,7 +167,15 @@ def complete_row(
     row['approach'] = approach
     speed = 2.0 * dot(normal, motion) / h - dot(normal, velocity)
     row['closing'] = -speed
-    slip = along(motion, -touching, velocity)
+    put_slip(row, along(motion, -touching, velocity))
+
+
+@helper
+def put_slip(row: np.void, slip: Vector) -> None:
+    """Write the tangents of a contact, and its slip along them."""
+    first, second = tangents_of(vector_of(row['normal']))
+    put_vector(row['tangents'][0], first)
+    put_vector(row['tangents'][1], second)
     row['slip'][0], row['slip'][1] = dot(first, slip), dot(second, slip)
 
 
@@ -269,16 +274,24 @@ def put_other_side(row: np.void, normal: Vector, gap: float, end: Vector) -> Non
     """
     row['key'] = -1 - row['key']
     put_vector(row['normal'], normal)
-    first, second = tangents_of(normal)
-    put_vector(row['tangents'][0], first)
-    put_vector(row['tangents'][1], second)
-    flown = plus(vector_of(row['point']), vector_of(row['offsets'][0]))
-    row['gap'] = gap - dot(normal, minus(end, flown))
-    slip = minus(vector_of(row['motion']), vector_of(row['other_motion']))
-    row['slip'][0], row['slip'][1] = dot(first, slip), dot(second, slip)
+    row['gap'] = gap - dot(normal, minus(end, flown(row)))
+    put_slip(row, minus(vector_of(row['motion']), vector_of(row['other_motion'])))
     row['approach'] = row['closing'] = 0.0
     row['is_new'] = True
     put_vector(row['remembered'], ZERO)
+
+
+@helper
+def flown(row: np.void) -> Vector:
+    """Return where the first side of a contact is after the flight, m."""
+    return plus(vector_of(row['point']), vector_of(row['offsets'][0]))
+
+
+@helper
+def share_of(row: np.void, side: int, corner: int) -> float:
+    """Return the share of f on a particle of one side of a contact; 0 if it is none of it."""
+    share = row['shares'][corner]
+    return max(share if side == 0 else -share, 0.0)
 
 
 @helper
@@ -323,15 +336,15 @@ def add_side(
         of the world, see `modal_flight.fly`
 
     """
-    now, flown = body['now'], start
+    now, end = body['now'], start
     if body['mode'] != RIGID:
-        flown = position_after(body, shape, q, x[now], v[now], column)
+        end = position_after(body, shape, q, x[now], v[now], column)
         row['columns'][corner] = column
         row['shares'][corner] = share if side == 0 else -share
-    offset = along(vector_of(row['offsets'][side]), share, minus(flown, start))
+    offset = along(vector_of(row['offsets'][side]), share, minus(end, start))
     put_vector(row['offsets'][side], offset)
     moved = row['motion'] if side == 0 else row['other_motion']
-    motion = minus(flown, column_of(x[now], column))
+    motion = minus(end, column_of(x[now], column))
     put_vector(moved, along(vector_of(moved), share, motion))
 
 
@@ -368,7 +381,7 @@ def copy_record(target: np.ndarray, to: int, source: np.ndarray, index: int) -> 
 
 
 @helper
-def in_world(row: np.void, components: np.ndarray) -> Vector:
+def in_world(row, components):  # type: ignore[no-untyped-def]
     """Return the vector of its components along normal and tangents of a contact."""
     result = scaled(components[0], vector_of(row['normal']))
     result = along(result, components[1], vector_of(row['tangents'][0]))

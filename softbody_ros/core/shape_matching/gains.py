@@ -157,7 +157,7 @@ def put_modal_gains(
         written: `responses` are those of `oscillator_response` for each kind of mode, in regular
         and in degenerate states, and of a body that touches something, where the elasticity
         reduces the bounciness; `stiffnesses` are ω² of the regular ones; `volume_share` is the
-        share of the change of volume in the stiffness against it; `kappa`
+        share of the change of volume in the stiffness against it
     body : BodyConfig
     step, reference_step : float
         h and h₀, s
@@ -165,7 +165,6 @@ def put_modal_gains(
         κ
 
     """
-    record['kappa'] = kappa
     record['responses'], record['stiffnesses'], record['volume_share'] = 0.0, 0.0, 0.0
     record['relaxation'] = 0.0
     if body.mode == 'rigid':

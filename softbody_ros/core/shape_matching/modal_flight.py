@@ -70,8 +70,10 @@ from softbody_ros.core.geometry.vectors import (
 )
 from softbody_ros.core.lanes import (
     LANES,
+    lanes_of,
     no_vectors,
     put_vectors,
+    total,
     totals,
     vectors_at,
     weights_at,
@@ -398,15 +400,7 @@ def flattened_volume(
 @helper
 def fitted_position(fitted: np.ndarray, shape: np.void, q: np.ndarray, i: int) -> Vector:
     """Return T f at a particle of the rest shapes."""
-    rest_q = column_of(q, i)
-    result = applied(linear_block(fitted), rest_q)
-    if len(fitted) > LINEAR:
-        means = shape['feature_means']
-        square = minus(squares(rest_q), vector_of(means[3:]))
-        mixed = minus(mixed_products(rest_q), vector_of(means[6:]))
-        result = plus(result, applied(linear_block(fitted[3:]), square))
-        result = plus(result, applied(linear_block(fitted[6:]), mixed))
-    return result
+    return with_features(ZERO, fitted, len(fitted) > LINEAR, shape, q, i)
 
 
 @helper
@@ -903,6 +897,40 @@ def write(
         put_vectors(new_v, i, left, to_v)
 
 
+@helper
+def put_start_shape(body: np.void, start: np.ndarray, result: np.ndarray) -> float:
+    """
+    Write the start shape x̂ = c' + E (x − c) in the place of the shape after the flight.
+
+    A force that is constant over the tick acts on this shape: in rest it is the one at the end.
+
+    Parameters
+    ----------
+    body : BODY
+        after `fly`
+    start, result : (3, N) float
+        positions before and after, m
+
+    Returns
+    -------
+    float
+        bound of the distance of a particle in both, m: the norm of order 8
+
+    """
+    turn, centre = matrix_of(body['turn']), vector_of(body['centre'])
+    shift = minus(centre, applied(turn, vector_of(body['start_centre'])))
+    first, end, powers = body['first'], body['first'] + body['count'], lanes_of(0.0)
+    for i in range(first, end, LANES):
+        left = end - i
+        turned = plus(shift, applied(turn, vectors_at(start, i, left)))
+        apart = minus(vectors_at(result, i, left), turned)
+        square = dot(apart, apart)
+        square = square * square
+        powers = powers + square * square
+        put_vectors(result, i, left, turned)
+    return math.sqrt(math.sqrt(math.sqrt(total(powers))))
+
+
 # ------------------------------------------------------------------------------- single particles
 @helper
 def mapped(
@@ -919,14 +947,30 @@ def mapped(
     y, u = minus(column_of(x, i), vector_of(body['origin'])), column_of(v, i)
     result = plus(result, applied(matrix_of(of[1:4]), y))
     result = plus(result, applied(matrix_of(of[4:7]), u))
-    rest_q, means = column_of(q, shape['first'] + i - body['first']), shape['feature_means']
-    result = plus(result, applied(linear_block(of[7:]), rest_q))
-    if body['mode'] > 1:
-        square = minus(squares(rest_q), vector_of(means[3:]))
-        mixed = minus(mixed_products(rest_q), vector_of(means[6:]))
-        result = plus(result, applied(linear_block(of[10:]), square))
-        result = plus(result, applied(linear_block(of[13:]), mixed))
+    rest = shape['first'] + i - body['first']
+    return with_features(result, of[7:], body['mode'] > 1, shape, q, rest)
+
+
+@helper
+def with_features(
+    start: Vector, transform: np.ndarray, is_quadratic: bool, shape: np.void, q: np.ndarray, i: int
+) -> Vector:
+    """Return a vector and T f at particle i of the rest shapes."""
+    rest_q = column_of(q, i)
+    result = plus(start, applied(linear_block(transform), rest_q))
+    if is_quadratic:
+        square, mixed = products_at(shape, rest_q)
+        result = plus(result, applied(linear_block(transform[3:]), square))
+        result = plus(result, applied(linear_block(transform[6:]), mixed))
     return result
+
+
+@helper
+def products_at(shape: np.void, rest_q: Vector) -> tuple[Vector, Vector]:
+    """Return the quadratic features at a rest position: squares and mixed products."""
+    means = shape['feature_means']
+    square = minus(squares(rest_q), vector_of(means[3:]))
+    return square, minus(mixed_products(rest_q), vector_of(means[6:]))
 
 
 @helper
@@ -957,17 +1001,6 @@ def velocity_after(
 ) -> Vector:
     """Return the velocity of a particle after the flight of its body, see `position_after`."""
     return mapped(body, body['map'][1], shape, q, x, v, i)
-
-
-@helper
-def start_position(body: np.void, x: np.ndarray, i: int) -> Vector:
-    """
-    Return x̂ = c' + E (x − c) of particle i, m: the start shape, moved as the rigid body is.
-
-    A force that is constant over the tick acts on this shape: in rest it is the one at the end.
-    """
-    arm = minus(column_of(x, i), vector_of(body['start_centre']))
-    return plus(vector_of(body['centre']), applied(matrix_of(body['turn']), arm))
 
 
 @helper
@@ -1008,15 +1041,14 @@ def whitened_features(
     psi : (9,) float
 
     """
-    rest_q, means = column_of(q, shape['first'] + i - body['first']), shape['feature_means']
+    rest_q = column_of(q, shape['first'] + i - body['first'])
     if body['mode'] == RIGID:
         return 0
     if body['mode'] == 1:
         for k in range(LINEAR):
             psi[k] = dot(vector_of(shape['whitening_linear'][k]), rest_q)
         return LINEAR
-    square = minus(squares(rest_q), vector_of(means[3:]))
-    mixed = minus(mixed_products(rest_q), vector_of(means[6:]))
+    square, mixed = products_at(shape, rest_q)
     for k in range(9):
         row = shape['whitening_quadratic'][k]
         psi[k] = dot(vector_of(row), rest_q) + dot(vector_of(row[3:]), square)
