@@ -4,12 +4,7 @@
 
 import numpy as np
 
-from softbody_ros.core.body import BODY
-from softbody_ros.core.collision.obstacle_contacts import CONTACT, find_contacts
-from softbody_ros.core.collision.obstacles import ObstacleTable
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact import rigid_obstacle, soft_obstacle
-from softbody_ros.core.geometry import small_systems
 from softbody_ros.core.geometry.vectors import (
     matrix_of,
     put_column,
@@ -17,10 +12,8 @@ from softbody_ros.core.geometry.vectors import (
     put_vector,
     vector_of,
 )
-from softbody_ros.core.shape_matching import flight, matching, plasticity, regions
+from softbody_ros.core.shape_matching import matching, plasticity, regions
 from softbody_ros.core.shape_matching import polar_decomposition as polar
-from softbody_ros.core.shape_matching.gains import put_gains
-from softbody_ros.core.shape_matching.goals import goal_of
 
 
 def over(function, arrays, *others, out):
@@ -192,43 +185,6 @@ def cube_roots(values, result):
         result[k] = matching.cube_root(values[k])
 
 
-# ----------------------------------------------------------------------------------- small systems
-@kernel
-def diagonalise(matrix, vectors):
-    small_systems.eigen(matrix, vectors)
-
-
-def eigen(matrix):
-    """Return the eigenvalues (n,) and eigenvectors, as rows, of a symmetric matrix (n, n)."""
-    values, vectors = np.array(matrix, dtype=float), np.empty_like(matrix, dtype=float)
-    diagonalise(values, vectors)
-    return np.diagonal(values), vectors
-
-
-@kernel
-def find_least_vector(rows, needed, met, impulse):
-    small_systems.least_vector(rows, needed, met, impulse)
-
-
-def least_vector(rows, needed, met=1e-9):
-    """Return λ ≥ 0 (k,) such that u = λ · rows is the shortest with rows · u ≥ needed."""
-    impulse = np.empty(len(rows))
-    find_least_vector(rows, needed, met, impulse)
-    return impulse
-
-
-@kernel
-def find_stop_sliding(rows, inverse, sliding, given):
-    rigid_obstacle.stop_sliding(rows, matrix_of(inverse), sliding, given)
-
-
-def stop_sliding(rows, inverse, sliding):
-    """Return the least impulses (k,) that stop the sliding (k,) along wrenches (k, 6)."""
-    given = np.empty(len(rows))
-    find_stop_sliding(rows, inverse, sliding, given)
-    return given
-
-
 # -------------------------------------------------------------------------------------- plasticity
 @kernel
 def all_flowed(stretch, strained, limits, result):
@@ -294,68 +250,10 @@ def match_regions(x, parts, rest):
     return centre, moment, place
 
 
-@kernel
-def all_goals(body, shape, q, region_goals, result):
-    for i in range(result.shape[1]):
-        put_column(result, i, goal_of(body[0], shape[0], q, region_goals, i))
-
-
 def goals_at(world, index, x):
-    """Return the goals for velocities (3, n) of a body of a world at rest at x (3, n)."""
-    state, record = world._state, world._state.bodies[index : index + 1]
+    """Return the goals (3, n) of a body with regions of a world at rest at x (3, n)."""
+    state, record = world._state, world._state.bodies[index]
     state.positions(index)[:], state.velocities(index)[:] = x, 0.0
-    failed = flight.predict_and_match(
-        state.bodies, np.array([index]), state.shapes, state.weights, state.q, state.regions,
-        state.member, state.features, state.weighted_features, state.x, state.v,
-        state.region_goals, state.stretch, state.match_centre, state.match_posture, np.zeros(3),
-        1e-12,
-    )  # fmt: skip
-    assert not failed
-    result = np.empty_like(state.positions(index))
-    shape = state.shapes[record[0]['matched'] :][:1]
-    all_goals(record, shape, state.q, state.region_goals, result)
-    return result
-
-
-# ----------------------------------------------------------------------------------------- contact
-@kernel
-def collide_one(body, obstacles, trees, start, x, v, h, contacts):
-    found = find_contacts(
-        obstacles[0], trees, x, start, 0, 1, body[0]['thickness'], False, contacts, 0
-    )
-    if found:
-        soft_obstacle.collide(body[0], contacts[0], start, x, v, 0, 0.0, h)
-    return found
-
-
-def collided(config, obstacle, position, velocity, h, reference_step):
-    """Return position and velocity of a particle after its contact with an obstacle."""
-    body = np.zeros(1, BODY)
-    put_gains(body[0], config, h, reference_step)
-    x, v = (np.array(each, dtype=float).reshape(3, 1) for each in (position, velocity))
-    table, contacts = ObstacleTable().refresh((obstacle,)), np.zeros(1, CONTACT)
-    collide_one(body, *table, x.copy(), x, v, h, contacts)
-    return x[:, 0], v[:, 0]
-
-
-@kernel
-def depth_of_goal(obstacles, trees, start, x, sweep, goal, contacts):
-    found = find_contacts(obstacles[0], trees, x, start, 0, 1, 0.0, sweep, contacts, 0)
-    depth = 0.0
-    if found:
-        depth = soft_obstacle.goal_depth(contacts[0], obstacles[0], trees, vector_of(goal), 0.0)
-    return found, depth
-
-
-def goal_depth(obstacle, x, goal, start=None):
-    """Return the contact of a particle that has come from a start, and how deep its goal is."""
-    contacts = np.zeros(1, CONTACT)
-    x, goal, before = (
-        np.array(each, dtype=float) for each in (x, goal, x if start is None else start)
-    )
-    found, depth = depth_of_goal(
-        *ObstacleTable().refresh((obstacle,)), before.reshape(3, 1), x.reshape(3, 1),
-        start is not None, goal, contacts,
-    )  # fmt: skip
-    assert found == 1
-    return contacts[0], depth
+    world._integrator.fly(np.array([index]), np.zeros(3), 1e-12)
+    first = record['first_goal']
+    return state.q[:, first : first + record['count']] + record['origin'][:, None]

@@ -221,7 +221,8 @@ def test_the_goal_is_shared_by_the_whole_body_and_its_regions(whole):
     def goal(**values):
         return goal_of_each_mode(dataclasses.replace(config, **values), x)
 
-    of_whole, of_regions = goal(regions_count=0), goal(regions_whole_body_weight=0.0)
+    of_whole = goal(regions_whole_body_weight=1.0)
+    of_regions = goal(regions_whole_body_weight=0.0)
     assert np.abs(of_whole - of_regions).max() > 0.01
     assert goal(regions_whole_body_weight=whole) == pytest.approx(
         whole * of_whole + (1.0 - whole) * of_regions, abs=1e-12
@@ -371,7 +372,8 @@ def test_a_bar_bends_into_an_s_which_no_single_match_can_hold(mode, height):
     bent = bent_into_an_s(surface, height).T[None]
 
     def distance(count):
-        config = body(surface, mode=mode, regions_count=count, bounciness=1.0)
+        config = body(surface, mode=mode, regions_count=max(count, 1), bounciness=1.0,
+                      regions_whole_body_weight=0.3 if count else 1.0)  # fmt: skip
         weights = make_rest_shape(surface).weights
         offsets = goal_of_each_mode(config, bent)[0] - bent[0]
         return np.sqrt(np.sum(weights * offsets**2))

@@ -35,16 +35,19 @@ BODY = np.dtype(
         ('now', np.int64),  # half of `x` and `v` that holds the state
         ('shape', np.int64),  # its rest shape, in the table of rest shapes
         ('matched', np.int64),  # the same with the weights of the match, where it has pins
+        # whether its particles have goals of their own: with regions or pins, if it deforms
+        ('follows_goals', np.bool_),
+        # column of `q` with the features in its map of its first particle
+        ('first_goal', np.int64),
         ('first_match', np.int64),  # match of the whole body; those of its regions follow
         ('regions', np.int64),  # their number K, or 0
         ('first_pin', np.int64),
         ('pins', np.int64),  # number of pinned particles
         # parameters, as gains of one tick: see shape_matching/gains.py
         ('mode', np.int64),
-        ('pull', np.float64, (2,)),  # of positions, and of velocities, 1/s
-        ('critical_pull', np.float64, (2,)),
-        ('deformation', np.float64, (2,)),
-        ('volume_conservation', np.float64, (2,)),
+        ('deformation', np.float64),
+        ('volume_conservation', np.float64),
+        ('look_ahead', np.float64, (2,)),  # to the match, if free and if in contact, s
         ('kept_velocity', np.float64),
         ('yield_strain', np.float64),
         ('creep', np.float64),
@@ -73,16 +76,18 @@ BODY = np.dtype(
         ('flowed', np.bool_),  # whether some is new in the tick being computed
         # results of the tick
         ('degeneracy', np.float64),  # 0 … 1, see shape_matching/matching.py
-        ('goal', np.float64, (1 + QUADRATIC_FEATURES, 3)),  # for velocities: centre, columns; m
-        ('centre', np.float64, (3,)),  # of mass, m
-        ('velocity', np.float64, (3,)),  # of the centre of mass, m/s
-        ('angular_momentum', np.float64, (3,)),  # about the centre of mass, per mass, m²/s
+        # of mass; of its pins, if it has some: then all this is of motion that they allow
+        ('centre', np.float64, (3,)),  # m
+        ('velocity', np.float64, (3,)),  # of the centre, m/s
+        ('angular_momentum', np.float64, (3,)),  # about the centre, per mass, m²/s
         ('inverse_inertia', np.float64, (3, 3)),  # per mass, 1/m²
+        ('carried', np.float64, (3,)),  # angular velocity that pins prescribe, rad/s
+        ('allowed', np.float64, (3, 3)),  # projector on axes about which they let it turn
         # integral over time of the wrench of contacts, N s and N m s
         ('total', np.float64, (2, 3)),
-        # results of the modal flight, see shape_matching/modal_flight.py
+        # results of the flight, see shape_matching/modal_flight.py and goal_flight.py
         ('origin', np.float64, (3,)),  # of start positions in `map`, m
-        ('start_centre', np.float64, (3,)),  # of mass, m
+        ('start_centre', np.float64, (3,)),  # m
         ('turn', np.float64, (3, 3)),  # E, the rotation in the tick
         ('start_inverse_inertia', np.float64, (3, 3)),  # of the start shape, turned; 1/m²
         ('shape_moment', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w f x̂ᵀ of it, m
@@ -96,12 +101,11 @@ BODY = np.dtype(
         ('offset_moment', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w f pᵀ, m
         ('velocity_moment', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w f sᵀ, m/s
         # of positions and of velocities: shift; matrices on position and velocity at the start;
-        # columns of the features
+        # columns of the features, or matrices on the goals
         ('map', np.float64, (2, 7 + QUADRATIC_FEATURES, 3)),
         # of contacts: impulse, m/s, and its moment about the centre, m²/s, per mass
         ('received', np.float64, (2, 3)),
         ('touches', np.int64, (2,)),  # 1 if a contact has acted on it, see contact/exchange.py
-        ('load', np.float64, (3,)),  # acceleration by the weight of bodies on top of it, m/s²
     ],
     align=True,
 )

@@ -18,7 +18,6 @@ from softbody_ros.core.body import BODY, identity
 from softbody_ros.core.config import BodyConfig
 from softbody_ros.core.contact.exchange import rearranged
 from softbody_ros.core.contact.rows import NO_MEMORY
-from softbody_ros.core.shape_matching.goals import fill_goals
 from softbody_ros.core.shape_matching.pins import Pins
 from softbody_ros.core.shape_matching.regions import REGION, Regions
 from softbody_ros.core.shape_matching.rest_shape import SHAPE, RestShape
@@ -196,19 +195,18 @@ class State:
     ----------
     bodies : (B,) BODY
     table : ShapeTable
-        and its arrays: shapes, weights, q, regions, member, features, weighted_features,
+        and its arrays: shapes, weights, regions, member, features, weighted_features,
         first_corner, corners
+    q : (3, M + G) float
+        that of the table, then goals of particles of bodies with regions or pins, from their
+        `first_goal` on: in the map of a flight they take the place of the features
     x, v : (2, 3, N) float
         positions, m, and velocities, m/s, double-buffered: `now` of a body is the present half
-    region_goals : (3, N) float
-        goals by regions, m from an origin of the body
     stretch : (2, S, 3, 3) float
         plastic states, halves as in `x`
     match_centre, match_posture : (S, 3), (S, 3, 3) float
         centres, m, and linear maps of offsets, of the matched shapes at the last tick
-    goals : (3, N) float
-        goals for velocities, m, of the bodies for which `fill_goals` was called in this tick
-    pinned : (m,) int
+    pinned, is_pinned : (m,) int, (N,) bool
         pinned particles of all bodies, as columns of `x`
     reaction : (B, 2, 3) float
         force, m/s², and torque about the centre of mass, m²/s², of all contacts, per mass
@@ -240,10 +238,7 @@ class State:
             record['first_match'] = first_match
             record['regions'] = regions.count if regions else 0
             first, first_match = first + count, first_match + 1 + int(record['regions'])
-        any_regions = any(body.regions for body in bodies)
         self.x, self.v = np.zeros((2, 3, first)), np.zeros((2, 3, first))
-        self.region_goals = np.zeros((3, first if any_regions else 0))
-        self.goals = np.zeros((3, 0))
         self.stretch = np.empty((2, first_match, 3, 3))
         self.stretch[:] = np.eye(3)
         self.match_centre = np.zeros((first_match, 3))
@@ -264,7 +259,7 @@ class State:
         """Rebuild the tables of rest shapes and pins after changes of the bodies."""
         self.table = table = ShapeTable(bodies)
         self.rests, self.regions_of = table.rests, table.regions_of
-        self.shapes, self.weights, self.q = table.shapes, table.weights, table.q
+        self.shapes, self.weights, columns = table.shapes, table.weights, table.q.shape[1]
         self.regions, self.member = table.regions, table.member
         self.features, self.weighted_features = table.features, table.weighted_features
         self.first_corner, self.corners = table.first_corner, table.corners
@@ -272,20 +267,21 @@ class State:
         first_pin = 0
         for record, body in zip(self.bodies, bodies, strict=True):
             record['shape'] = record['matched'] = table.row(body.rest, body.regions)
-            record['first_pin'], record['pins'] = first_pin, 0
+            record['first_pin'], record['pins'], record['first_goal'] = first_pin, 0, -1
             if body.pins is not None:
                 if body.config.mode != 'rigid':
                     record['matched'] = table.row(body.pins.rest, body.pins.regions)
                 record['pins'] = len(body.pins.particle)
                 pinned.append(record['first'] + body.pins.particle)
                 first_pin += len(body.pins.particle)
+            if body.pins is not None or body.regions is not None:
+                record['first_goal'] = columns
+                columns += record['count']
         self.pinned = np.concatenate(pinned)
-
-    def fill_goals(self, chosen: np.ndarray) -> None:
-        """Write the goals of bodies (c,) int, after `predict_and_match`."""
-        if not self.goals.size:
-            self.goals = np.zeros(self.x.shape[1:])
-        fill_goals(self.bodies, chosen, self.shapes, self.q, self.region_goals, self.goals)
+        self.is_pinned = np.zeros(self.x.shape[2], np.bool_)
+        self.is_pinned[self.pinned] = True
+        self.q = np.zeros((3, columns))
+        self.q[:, : table.q.shape[1]] = table.q
 
     # -------------------------------------------------------------------------------- obstacles
     def use_obstacles(self, keys: tuple[Hashable, ...], tick: int) -> None:

@@ -50,8 +50,6 @@ BODIES: tuple[dict, ...] = (
     {'mesh': ROD, 'mode': 'linear'},
 )
 """What differs from one kind of body to the next."""
-BY_LAWS = tuple(each for each in BODIES if {'regions_count', 'pins_indices'} & each.keys())
-"""Kinds whose contacts are not those of `Integrator.resolve_contacts`."""
 
 
 def compile_ahead(
@@ -164,11 +162,9 @@ def warm_up() -> None:
     """Run every kernel: step small worlds in which everything happens that happens in worlds."""
     # first what is not left to a second process
     world = everything()
-    world._integrator._fly(
+    world._integrator.fly(
         np.arange(len(world.names)), world._environment.gravity, world.config.time_step
     )
-    world = everything(kinds=BY_LAWS)
-    world.step()
     world.rigid_fit(world.names[0])
     world.poke(world.positions(world.names[0])[0], 0.1, 0.5)
 

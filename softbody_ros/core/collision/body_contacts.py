@@ -17,7 +17,7 @@ from softbody_ros.core.collision.broad_phase import (
     find_points,
 )
 from softbody_ros.core.collision.collision_surface import CollisionSurfaces
-from softbody_ros.core.collision.narrow_phase import CONTACT, EDGE_ALLOWANCE, PAIR, find_contacts
+from softbody_ros.core.collision.narrow_phase import CONTACT, EDGE_ALLOWANCE, find_contacts
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping_codes
 
 CANDIDATES = 1024
@@ -92,9 +92,9 @@ def find_body_contacts(
     candidates: np.ndarray,
     numbers: np.ndarray,
     first: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> np.ndarray:
     """
-    Return the contacts (k,) CONTACT, and pairs (p,) PAIR, of candidates.
+    Return the contacts (k,) CONTACT of candidates.
 
     Parameters
     ----------
@@ -104,11 +104,10 @@ def find_body_contacts(
         see `find_candidates`
 
     """
-    arrays, found = surfaces.arrays, len(candidates)
-    contacts, pairs = surfaces.buffer(CONTACT, found), surfaces.buffer(PAIR, found)
-    found, found_pairs = find_contacts(
+    arrays, contacts = surfaces.arrays, surfaces.buffer(CONTACT, len(candidates))
+    found = find_contacts(
         bodies, chosen, state.shapes, state.q, arrays.surfaces, arrays.faces, arrays.piece_of_face,
         arrays.normals, arrays.origins, arrays.trees, state.x, state.match_centre,
-        state.match_posture, candidates, numbers, first, contacts, pairs,
+        state.match_posture, candidates, numbers, first, contacts,
     )  # fmt: skip
-    return contacts[:found], pairs[:found_pairs]
+    return contacts[:found]

@@ -46,7 +46,6 @@ CONTACT = np.dtype(
     [
         ('body', np.int64),  # member of the particle in the contact state
         ('other', np.int64),  # member of the face
-        ('pair', np.int64),
         # indices of the particle and the corners of the face in the contact state, and the
         # coefficients of their difference: 1, and minus barycentric coordinates
         ('particles', np.int64, (4,)),
@@ -55,37 +54,10 @@ CONTACT = np.dtype(
         ('normal', np.float64, (3,)),  # outward normal of the face
         ('thickness', np.float64),  # required distance, m
         ('depth', np.float64),  # penetration with the thickness, m
-        # see `manifold`
-        ('sign', np.float64),  # 1 if the particle belongs to the first body of the pair, else −1
-        ('share', np.float64),  # of the mass in contact
-        ('goal_depth', np.float64),  # penetration of the particle's goal in that of the face, m
-        # results: normal impulses by loads, by constraints between bodies, and at the particle;
-        # and friction on the particle; N s
-        ('load_impulse', np.float64),
-        ('body_impulse', np.float64),
-        ('impulse', np.float64),
-        ('friction', np.float64, (3,)),
     ],
     align=True,
 )
 """A contact of a particle with a face of another body, or of its own."""
-
-PAIR = np.dtype(
-    [
-        ('one', np.int64),  # members of the contact state; equal for self-collision
-        ('two', np.int64),
-        ('first', np.int64),  # its first contact
-        ('count', np.int64),
-        ('reduced_mass', np.float64),  # kg; bounded where neither body can move
-        ('scale', np.float64),  # RMS radius of the smaller body, m
-        ('elasticity', np.float64),
-        ('bounciness', np.float64),
-        ('depth', np.float64),  # mean penetration of goals, m
-        ('load', np.float64),  # force between the bodies by the weight on them, N
-    ],
-    align=True,
-)
-"""Two bodies in contact."""
 
 
 @kernel
@@ -107,10 +79,9 @@ def find_contacts(
     number: np.ndarray,
     first: np.ndarray,
     contacts: np.ndarray,
-    pairs: np.ndarray,
-) -> tuple[int, int]:
+) -> int:
     """
-    Write the candidates that penetrate faces, sorted by pairs of bodies.
+    Write the candidates that penetrate faces, and return their number.
 
     The query point is offset inwards: corners of equal stacked boxes lie exactly on edges.
 
@@ -132,20 +103,14 @@ def find_contacts(
         members of the bodies and sets of points in the contact state
     first : (C + 1,) int
         index there of the first particle of each; points follow in the order of contacts
-    contacts, pairs : (q,) CONTACT, (q,) PAIR
+    contacts : (q,) CONTACT
         written
 
-    Returns
-    -------
-    contacts, pairs : int
-        their numbers
-
     """
-    found = found_pairs = 0
+    found = 0
     points = first[len(first) - 1]
     last_other, last_piece = -1, -1
     to_rest, match_place, origin = NO_MATRIX, ZERO, ZERO
-    one, two = -1, -1
     for candidate in candidates:
         owner, other, piece = candidate['body'], candidate['other'], candidate['piece']
         body = bodies[awake[other]]
@@ -206,15 +171,8 @@ def find_contacts(
             continue
 
         c, d = number[owner], number[other]
-        if min(c, d) != one or max(c, d) != two:
-            one, two = min(c, d), max(c, d)
-            pair = pairs[found_pairs]
-            pair['one'], pair['two'], pair['first'], pair['count'] = one, two, found, 0
-            found_pairs += 1
-        pairs[found_pairs - 1]['count'] += 1
         contact = contacts[found]
-        contact['body'], contact['other'], contact['pair'] = c, d, found_pairs - 1
-        contact['sign'] = 1.0 if c == one else -1.0
+        contact['body'], contact['other'] = c, d
         if is_movable:
             contact['particles'][0] = first[c] + particle
         else:
@@ -229,7 +187,7 @@ def find_contacts(
         put_vector(contact['normal'], normal)
         contact['thickness'], contact['depth'] = thickness, thickness - height
         found += 1
-    return found, found_pairs
+    return found
 
 
 @helper

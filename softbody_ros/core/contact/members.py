@@ -27,6 +27,7 @@ import numpy as np
 from softbody_ros.core.body import QUADRATIC_FEATURES, RIGID
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
+    IDENTITY,
     ZERO,
     Matrix,
     Vector,
@@ -56,11 +57,12 @@ from softbody_ros.core.shape_matching.modal_flight import (
     whiten,
     whitened_features,
 )
+from softbody_ros.core.shape_matching.pins import inverse_about
 from softbody_ros.core.shape_matching.polar_decomposition import (
     orthogonal_columns,
     rotation_by_vector,
 )
-from softbody_ros.core.shape_matching.rigid_motion import inverse_inertia_of
+from softbody_ros.core.shape_matching.rigid_motion import INERTIA_CUT
 
 RIGID_MODES = 6
 """Modes of any body: three translations, three rotations."""
@@ -76,6 +78,7 @@ MEMBER = np.dtype(
         ('body', np.int64),
         ('features', np.int64),  # F: whitened features of its modes; 0 of a rigid body
         ('is_soft', np.bool_),
+        ('has_pins', np.bool_),  # then the centre is theirs, and moves by no force
         ('starts', np.bool_),  # whether the start shape is in the place of the result
         ('mass', np.float64),  # kg
         ('scale', np.float64),  # RMS radius, m
@@ -86,6 +89,8 @@ MEMBER = np.dtype(
         ('velocity', np.float64, (3,)),  # m/s
         ('angular_momentum', np.float64, (3,)),  # per mass, m²/s
         ('angular_velocity', np.float64, (3,)),  # rad/s
+        ('carried', np.float64, (3,)),  # angular velocity that pins prescribe, rad/s
+        ('allowed', np.float64, (3, 3)),  # projector on axes about which they let it turn
         ('inverse_inertia', np.float64, (3, 3)),  # of the start shape, per mass, 1/m²
         ('root', np.float64, (3, 3)),  # L, with I⁻¹ = L Lᵀ
         # √ρ of rigid motion, of followed modes, and of change of volume, less that of residuals,
@@ -142,9 +147,9 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
     """Write the member of a body after its flight, but for its margins."""
     scale = shape['scale']
     member['body'], member['mass'] = number, body['mass']
-    member['is_soft'] = body['mode'] != RIGID
+    member['is_soft'], member['has_pins'] = body['mode'] != RIGID, body['pins'] > 0
     member['features'] = 0
-    if member['is_soft']:
+    if member['is_soft'] and not body['follows_goals']:
         member['features'] = 3 if body['mode'] == 1 else QUADRATIC_FEATURES
     member['starts'] = False
     member['scale'] = scale
@@ -152,6 +157,8 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
     put_vector(member['velocity'], vector_of(body['velocity']))
     put_vector(member['angular_momentum'], vector_of(body['angular_momentum']))
     put_vector(member['angular_velocity'], vector_of(body['angular_velocity']))
+    put_vector(member['carried'], vector_of(body['carried']) if member['has_pins'] else ZERO)
+    put_matrix(member['allowed'], matrix_of(body['allowed']) if member['has_pins'] else IDENTITY)
     inverse = matrix_of(body['start_inverse_inertia'])
     put_matrix(member['inverse_inertia'], inverse)
     columns, axes = orthogonal_columns(inverse)
@@ -164,7 +171,7 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
     put_vector(member['residual_shift'], ZERO)
     put_vector(member['residual_velocity'], ZERO)
     put_response(member, body, h)
-    if member['is_soft']:
+    if member['features'] > 0:
         whiten(body, shape, body['shape_moment'], member['shape'])
         whiten(body, shape, body['volume_moment'], member['volume'])
         whiten(body, shape, body['offset_moment'], member['offset'])
@@ -185,6 +192,9 @@ def put_response(member: np.void, body: np.void, h: float) -> None:
     member['mobility'] = own
     response[0] = math.sqrt(max(1.0 - own, 0.0))
     rate[3] = own_rate / own if own > SMALL_RESPONSE else 0.0
+    if body['follows_goals']:
+        # these do not yield within a tick
+        return
     for row in range(3):
         kind = FOLLOWED if row == 0 else BREATHING
         sign = -1.0 if row == 2 else 1.0
@@ -206,13 +216,15 @@ def put_particle(
     q: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
+    is_pinned: bool,
 ) -> None:
     """Write a particle at a contact, after the flight from x, v (3, N)."""
     particle['column'], particle['member'], particle['weight'] = column, number, weight
     particle['rows'] = 0
     inertia = max(weight, LEAST_SHARE / body['count']) * member['mass']
-    particle['mobility'] = member['mobility'] / inertia
-    whitened_features(body, shape, q, column, particle['features'])
+    particle['mobility'] = 0.0 if is_pinned else member['mobility'] / inertia
+    if member['features'] > 0:
+        whitened_features(body, shape, q, column, particle['features'])
     offset = minus(position_after(body, shape, q, x, v, column), vector_of(member['centre']))
     speed = minus(velocity_after(body, shape, q, x, v, column), vector_of(member['velocity']))
     put_vector(particle['offset'], offset)
@@ -261,8 +273,9 @@ def put_modes(
         direction = applied_transposed(rotation, direction)
     local = applied_transposed(root, moment)
     rigid = size * member['response'][0]
+    shifting = 0.0 if member['has_pins'] else rigid
     for axis in range(3):
-        jacobian[axis] = rigid * direction[axis]
+        jacobian[axis] = shifting * direction[axis]
         jacobian[3 + axis] = rigid * local[axis]
     if not member['is_soft']:
         return
@@ -343,8 +356,7 @@ def place_particles(members: np.ndarray, particles: np.ndarray, shifts: np.ndarr
     for k in range(len(particles)):
         particle, shift = particles[k], (shifts[0, k], shifts[1, k], shifts[2, k])
         put_vector(particle['shift'], shift)
-        mean = members[particle['member']]['residual_shift']
-        put_vector(mean, along(vector_of(mean), particle['weight'], shift))
+        add_to_mean(members[particle['member']], 0, particle['weight'], shift)
 
 
 @helper
@@ -361,8 +373,15 @@ def start_velocities(members: np.ndarray, particles: np.ndarray, y: np.ndarray, 
         member = members[particle['member']]
         velocity = scaled(2.0 / h * member['rate'][3], vector_of(particle['shift']))
         put_vector(particle['velocity'], velocity)
-        mean = member['residual_velocity']
-        put_vector(mean, along(vector_of(mean), particle['weight'], velocity))
+        add_to_mean(member, 1, particle['weight'], velocity)
+
+
+@helper
+def add_to_mean(member: np.void, which: int, weight: float, change: Vector) -> None:
+    """Add to the mean of shifts (0) or velocities (1) of particles, where they move the centre."""
+    if not member['has_pins']:
+        mean = member['residual_shift'] if which == 0 else member['residual_velocity']
+        put_vector(mean, along(vector_of(mean), weight, change))
 
 
 @helper
@@ -381,9 +400,7 @@ def add_velocities(
     for k in range(len(particles)):
         particle, velocity = particles[k], (shifts[0, k], shifts[1, k], shifts[2, k])
         put_vector(particle['velocity'], plus(vector_of(particle['velocity']), velocity))
-        member = members[particle['member']]
-        mean = member['residual_velocity']
-        put_vector(mean, along(vector_of(mean), particle['weight'], velocity))
+        add_to_mean(members[particle['member']], 1, particle['weight'], velocity)
 
 
 # -------------------------------------------------------------------------------- after the tick
@@ -429,7 +446,7 @@ def put_rotation(members: np.ndarray, particles: np.ndarray) -> None:
             inverse = product(inverse, transposed(rotation))
             put_matrix(member['end_inverse_inertia'], inverse)
             rate = applied(inverse, vector_of(member['angular_momentum']))
-            put_vector(member['end_angular_velocity'], rate)
+            put_vector(member['end_angular_velocity'], plus(vector_of(member['carried']), rate))
             continue
         second, inner = matrix_of(member['second_moments']), vector_of(member['inner_momentum'])
         for k in range(member['features']):
@@ -461,10 +478,11 @@ def put_rotation(members: np.ndarray, particles: np.ndarray) -> None:
         velocity = vector_of(member['residual_velocity'])
         second = combined(1.0, matrix_of(member['end_inverse_inertia']), -1.0, outer(shift, shift))
         inner = minus(vector_of(member['end_angular_velocity']), cross(shift, velocity))
-        inverse = inverse_inertia_of(second, member['scale'])
+        inverse = inverse_about(matrix_of(member['allowed']), second, member['scale'], INERTIA_CUT)
         put_matrix(member['end_inverse_inertia'], inverse)
         momentum = minus(vector_of(member['angular_momentum']), inner)
-        put_vector(member['end_angular_velocity'], applied(inverse, momentum))
+        rate = plus(vector_of(member['carried']), applied(inverse, momentum))
+        put_vector(member['end_angular_velocity'], rate)
 
 
 @helper
@@ -503,7 +521,8 @@ def change_map(body: np.void, shape: np.void, member: np.void) -> None:
     old_rate = vector_of(member['angular_velocity'])
     centre, velocity = vector_of(member['centre']), vector_of(body['velocity'])
     base, end = end_base(member), end_centre(member)
-    for row in range(7 + member['features']):
+    columns = 3 if body['follows_goals'] else member['features']
+    for row in range(7 + columns):
         to_x, to_v = vector_of(flight[row]), vector_of(drift[row])
         if row == 0:
             to_x, to_v = minus(to_x, centre), minus(to_v, velocity)

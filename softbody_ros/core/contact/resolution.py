@@ -35,6 +35,7 @@ from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.members import (
     PARTICLE,
     RIGID_MODES,
+    add_to_mean,
     add_velocities,
     change_map,
     combination,
@@ -143,6 +144,7 @@ def find_obstacle_rows(
     members: np.ndarray,
     contacts: np.ndarray,
     rows: np.ndarray,
+    is_pinned: np.ndarray,
 ) -> int:
     """
     Write the members, and the rows of their contacts with obstacles.
@@ -153,7 +155,6 @@ def find_obstacle_rows(
     ----------
     bodies : (B,) BODY
     chosen : (m,) int
-        bodies without regions and pins
     shapes : (R,) SHAPE
     weights, q : (M,), (3, M) float
         mass shares and rest positions of the particles of all rest shapes
@@ -173,6 +174,8 @@ def find_obstacle_rows(
     contacts : (c,) CONTACT
         scratch for the contacts of one body with one obstacle
     rows : (k,) ROW
+    is_pinned : (N,) bool
+        particles that pins hold against any force: they touch no obstacles
 
     Returns
     -------
@@ -200,6 +203,8 @@ def find_obstacle_rows(
             member['starts'] = True
         if member['is_soft'] and not member['starts']:
             continue
+        if member['has_pins'] and not member['is_soft'] and is_fixed(member):
+            continue
         reach = body['thickness'] + member['margin']
         low, high, low_before, high_before = ZERO, ZERO, ZERO, ZERO
         bounded = False
@@ -214,6 +219,8 @@ def find_obstacle_rows(
                     continue
             near = find_contacts(obstacle, trees, x1, x0, first, count, reach, True, contacts, 0)
             for k in range(near):
+                if is_pinned[first + contacts[k]['particle']]:
+                    continue
                 if found < len(rows):
                     weight = weights[shape['first'] + contacts[k]['particle']]
                     velocity = put_obstacle_row(
@@ -223,6 +230,13 @@ def find_obstacle_rows(
                     complete_row(rows[found], members, memory, velocity, h)
                 found += 1
     return found
+
+
+@helper
+def is_fixed(member: np.void) -> bool:
+    """Return whether pins let a body not even turn."""
+    allowed = member['allowed']
+    return allowed[0, 0] + allowed[1, 1] + allowed[2, 2] == 0.0
 
 
 @helper
@@ -341,6 +355,7 @@ def resolve(
     obstacle_impulse: np.ndarray,
     normal_impulse: np.ndarray,
     work: np.ndarray,
+    is_pinned: np.ndarray,
 ) -> int:
     """
     Move bodies by the forces of their contacts, from the flight to the end of the tick.
@@ -359,6 +374,8 @@ def resolve(
         results, see `exchange`
     work : (3,) int
         added to: Gauss–Seidel sweeps, Newton steps, problems that are not solved to tolerance
+    is_pinned : (N,) bool
+        see `find_obstacle_rows`
 
     Returns
     -------
@@ -382,7 +399,7 @@ def resolve(
         if first < last:
             touched = number_particles(
                 together, own[first:last], bodies, shapes, weights, q, x, v, place_of,
-                all_particles,
+                all_particles, is_pinned,
             )  # fmt: skip
             particles = all_particles[:touched]
             of_island = own[first : first_row[root + 1]]
@@ -427,6 +444,7 @@ def number_particles(
     v: np.ndarray,
     place_of: np.ndarray,
     particles: np.ndarray,
+    is_pinned: np.ndarray,
 ) -> int:
     """Write the particles of deformable bodies at contacts, and return their number."""
     count = 0
@@ -443,7 +461,7 @@ def number_particles(
                 weight = weights[shape['first'] + column - body['first']]
                 put_particle(
                     particles[count], column, number, member, body, shape, weight, q, x[now],
-                    v[now],
+                    v[now], is_pinned[column],
                 )  # fmt: skip
                 place_of[column] = count
                 count += 1
@@ -688,7 +706,7 @@ def resolve_island(
     if acting > 0:
         impulses = first_rows(problem, acting)
         residual, sweeps, steps = solve(impulses, tolerance / h, mass)
-        impact = any_impact(impulses.rows) and all_still(impulses.rows) and not is_soft
+        impact = any_impact(impulses.rows) and all_still(members, impulses.rows) and not is_soft
         most = energy_after(members, impulses.rows) if impact else 0.0
         if most > (1.0 + GAIN) * energy:
             # simultaneous rebounds with friction could gain energy: it is convex in their share
@@ -839,6 +857,12 @@ def put_jacobian(
             if axis > 0:
                 direction = vector_of(row['tangents'][axis - 1])
             put_modes(jacobian[side, axis], member, sign, arm, features, direction, at_end)
+    if row['one'] == row['two']:
+        # self-collision: both sides are the same modes
+        for axis in range(3):
+            for mode in range(jacobian.shape[2]):
+                jacobian[0, axis, mode] += jacobian[1, axis, mode]
+                jacobian[1, axis, mode] = 0.0
 
 
 @helper
@@ -863,9 +887,12 @@ def begin_positions(
     for k in range(len(rows)):
         row = rows[k]
         put_jacobian(row, jacobian[k], members, particles, vector_of(row['point']), False)
+        mobility = own_mobility(row, problem.mobility)
+        if mobility == 0.0 and row['inverse_mass'] == 0.0:
+            # between pinned particles
+            row['inverse_mass'] = 1.0 / members[row['one']]['mass']
         compliance = row['softness'] * row['inverse_mass'] * 2.0
         compliance /= h * h * CONTACT_FREQUENCY * CONTACT_FREQUENCY
-        mobility = own_mobility(row, problem.mobility)
         if is_shared(row, particles):
             compliance += PROXIMAL * mobility
         row['compliance'][0] = row['compliance'][1] = compliance
@@ -1021,9 +1048,11 @@ def separate(
                 shifted = True
                 if member['is_soft'] and row['column'] >= 0:
                     particle = particles[row['particles'][0]]
-                    add_shift(member['residual_shift'], -gap * particle['weight'], normal)
-                    add_shift(particle['shift'], -gap, normal)
-                else:
+                    if particle['mobility'] > 0.0:
+                        move = scaled(-gap, normal)
+                        add_to_mean(member, 0, particle['weight'], move)
+                        put_vector(particle['shift'], plus(vector_of(particle['shift']), move))
+                elif not member['has_pins']:
                     add_shift(member['shift'], -gap, normal)
         if not shifted:
             break
@@ -1073,7 +1102,8 @@ def add_momenta(members: np.ndarray) -> None:
         member = members[number]
         share = 1.0 / member['mass']
         velocity, momentum = vector_of(member['velocity']), vector_of(member['angular_momentum'])
-        put_vector(member['velocity'], along(velocity, share, vector_of(member['impulse'][0])))
+        if not member['has_pins']:
+            put_vector(member['velocity'], along(velocity, share, vector_of(member['impulse'][0])))
         momentum = along(momentum, share, vector_of(member['impulse'][1]))
         put_vector(member['angular_momentum'], momentum)
 
@@ -1143,8 +1173,12 @@ def begin_velocities(
 
 
 @helper
-def all_still(rows: np.ndarray) -> bool:
+def all_still(members: np.ndarray, rows: np.ndarray) -> bool:
     """Return whether nothing that moves by itself, and so can give energy, is touched."""
+    for member in members:
+        driven = vector_of(member['carried']) != ZERO or vector_of(member['velocity']) != ZERO
+        if member['has_pins'] and driven:
+            return False
     for k in range(len(rows)):
         if vector_of(rows[k]['other_velocity']) != ZERO:
             return False

@@ -11,7 +11,6 @@ import numpy as np
 from softbody_ros.core.body import RIGID
 from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.contact.manifold import geometric_mean
 from softbody_ros.core.geometry.vectors import (
     ZERO,
     Vector,
@@ -470,11 +469,11 @@ def put_face_row(
         offset = minus(vector_of(row['offsets'][0]), vector_of(row['offsets'][1]))
         row['gap'] += dot(normal, offset)
         coulomb = one['coulomb'] or body['coulomb']
-        friction = geometric_mean(one['friction'], body['friction'])
+        friction = math.sqrt(one['friction'] * body['friction'])
         if one['coulomb'] != body['coulomb']:
             friction = one['friction'] if one['coulomb'] else body['friction']
         put_friction(row, coulomb, friction)
-        row['elasticity'] = geometric_mean(elasticity_of(one), elasticity_of(body))
+        row['elasticity'] = math.sqrt(elasticity_of(one) * elasticity_of(body))
         return minus(column_of(v[one['now']], column), face_velocity)
     point_set = sets[owner - len(members)]
     row['one'], row['two'], row['of_face'] = other, -1, True

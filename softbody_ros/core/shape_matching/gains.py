@@ -26,6 +26,8 @@ SMALL_PHASE = 0.5
 """ω h below which a power series is exact and differences lose digits."""
 FOLLOWED, RESIDUAL, BREATHING = 0, 1, 2
 """Kinds of modes: deformation that the goal follows, what no goal follows, change of volume."""
+REGULAR, DEGENERATE, TOUCHING = 0, 1, 2
+"""States of a body with responses of their own, see `put_gains`."""
 
 
 def natural_frequency(stiffness: float, reference_step: float) -> float:
@@ -39,32 +41,6 @@ def damping_ratio(bounciness: float) -> float:
         return 1.0
     overshoot = math.log(bounciness)
     return -overshoot / math.hypot(math.pi, overshoot)
-
-
-def oscillator_gains(
-    stiffness: float, bounciness: float, step: float, reference_step: float
-) -> tuple[float, float]:
-    """
-    Return the gains s and k that step a damped oscillator exactly, at any step size.
-
-    With y the distance from the goal, x = x* + s y and v = v* + k y / h sample the motion of
-    frequency ω and damping ζ: the map has trace 2 e cos(√(1−ζ²) ω h) and determinant e²,
-    e = exp(−ζ ω h).
-
-    Parameters
-    ----------
-    stiffness, bounciness : float
-        α_s and α_f, from 0 to 1
-    step, reference_step : float
-        h and h₀, s
-
-    """
-    omega, zeta = natural_frequency(stiffness, reference_step), damping_ratio(bounciness)
-    decay = math.exp(-zeta * omega * step)
-    phase = math.sqrt(1.0 - zeta**2) * omega * step
-    return -math.expm1(-2.0 * zeta * omega * step), (
-        (1.0 - decay) ** 2 + 4.0 * decay * math.sin(phase / 2.0) ** 2
-    )
 
 
 def oscillator_response(
@@ -137,7 +113,7 @@ def breathing_damping(breathing: float, omega: float) -> float:
     return min(max(breathing / max(omega, 1e-12) - 1.0, 0.0) / STIFF, 1.0)
 
 
-def put_modal_gains(
+def put_gains(
     record: np.void,
     body: BodyConfig,
     step: float,
@@ -145,30 +121,61 @@ def put_modal_gains(
     kappa: float = KAPPA,
 ) -> None:
     """
-    Write the responses of the modes of a body in one tick into its BODY record.
-
-    Deformations that the goal follows have the stiffness (1 − β) α_s, the change of volume
-    [1 − β (1 − volume conservation)] α_s, and the residual of each particle κ times the frequency
-    of α_s. All are 0 for a rigid body, which has no such modes.
+    Write the gains of a body for one tick into its BODY record.
 
     Parameters
     ----------
     record : BODY, ()
-        written: `responses` are those of `oscillator_response` for each kind of mode, in regular
-        and in degenerate states, and of a body that touches something, where the elasticity
-        reduces the bounciness; `stiffnesses` are ω² of the regular ones; `volume_share` is the
-        share of the change of volume in the stiffness against it
+        written: `kept_velocity`, the share of the velocity of deformation that `damping` leaves;
+        `creep`, the share of a strain that becomes permanent; `whole_body_weight`, the weight of
+        the match of the whole body, where its regions have the rest; and what follows
     body : BodyConfig
     step, reference_step : float
         h and h₀, s
     kappa : float
-        κ
+        κ of bodies without regions and pins
 
     """
+    reference_steps = step / reference_step
+    friction = body.friction
+    if body.friction_model == 'viscous':
+        friction = 1.0 - (1.0 - friction) ** reference_steps
+    is_rigid, has_pins = body.mode == 'rigid', bool(body.pins_indices) or any(body.pins_box)
+    record['mode'] = MODES.index(body.mode)
+    record['follows_goals'] = not is_rigid and (has_pins or body.regions_count > 0)
+    record['kept_velocity'] = (1.0 - body.damping) ** reference_steps
+    record['yield_strain'] = body.plasticity_yield
+    record['creep'] = -math.expm1(-body.plasticity_creep * step)
+    record['largest_strain'] = body.plasticity_max
+    record['whole_body_weight'] = body.regions_whole_body_weight if body.regions_count else 1.0
+    record['elasticity'], record['bounciness'] = body.elasticity, body.bounciness
+    record['friction'], record['coulomb'] = friction, body.friction_model == 'coulomb'
+    record['thickness'], record['mass'] = body.thickness, body.mass
+    record['pins_linear'] = body.pins_velocity_linear
+    record['pins_angular'] = body.pins_velocity_angular
     record['responses'], record['stiffnesses'], record['volume_share'] = 0.0, 0.0, 0.0
-    record['relaxation'] = 0.0
-    if body.mode == 'rigid':
-        return
+    record['relaxation'] = record['look_ahead'] = 0.0
+    record['deformation'] = record['volume_conservation'] = 0.0
+    if record['follows_goals']:
+        _put_goal_gains(record, body, step, reference_step)
+    elif not is_rigid:
+        _put_modal_gains(record, body, step, reference_step, kappa)
+
+
+def _put_modal_gains(
+    record: np.void, body: BodyConfig, step: float, reference_step: float, kappa: float
+) -> None:
+    """
+    Write the responses of the modes of a body in one tick, see `modal_flight`.
+
+    Deformations that the goal follows have the stiffness (1 − β) α_s, the change of volume that of
+    `breathing_frequency`, and the residual of each particle κ times the frequency of α_s.
+
+    `responses` are those of `oscillator_response` for each kind of mode, in regular and in
+    degenerate states, and of a body that touches something, where the elasticity reduces the
+    bounciness; `stiffnesses` are ω² of the regular ones; `volume_share` is the share of the change
+    of volume in the stiffness against it.
+    """
     alpha, beta = body.stiffness, body.deformation
     omega = natural_frequency(alpha, reference_step)
     followed = natural_frequency((1.0 - beta) * alpha, reference_step)
@@ -176,9 +183,7 @@ def put_modal_gains(
     record['stiffnesses'] = followed**2, (kappa * omega) ** 2, breathing**2
     record['relaxation'] = -math.expm1(-omega * step)
     regular, degenerate, touching = record['responses']
-    least = body.damping**CRITICAL_DAMPING
-    for responses, elasticity in ((regular, 1.0), (touching, body.elasticity)):
-        zeta = max(damping_ratio(body.bounciness * elasticity), least)
+    for responses, zeta in ((regular, _damping(body, 1.0)), (touching, _damping(body))):
         residual = max(zeta, LEAST_RESIDUAL_DAMPING)
         responses[FOLLOWED] = oscillator_response(followed, zeta, step)
         responses[RESIDUAL] = oscillator_response(kappa * omega, residual, step)
@@ -191,68 +196,50 @@ def put_modal_gains(
         record['volume_share'] = 1.0 - (followed / breathing) ** 2
 
 
-def put_gains(record: np.void, body: BodyConfig, step: float, reference_step: float) -> None:
+def _damping(body: BodyConfig, elasticity: float | None = None) -> float:
+    """Return ζ of a body that touches something, or with another elasticity."""
+    bounciness = body.bounciness * (body.elasticity if elasticity is None else elasticity)
+    return max(damping_ratio(bounciness), body.damping**CRITICAL_DAMPING)
+
+
+def _put_goal_gains(
+    record: np.void, body: BodyConfig, step: float, reference_step: float
+) -> None:
     """
-    Write the gains of a body for one tick into its BODY record.
+    Write the response of particles to their goals in one tick, see `goal_flight`.
 
-    Fields of two numbers are for positions and for velocities.
-
-    Deformations that the goal follows have the stiffness (1 − β) α_s, all others α_s. For the
-    frequencies of both to be independent of the step, the goals of positions and of velocities
-    have their own β, such that s · (1 − β_s) and k · (1 − β_k) are the exact gains of the
-    stiffness (1 − β) α_s. At the reference step without damping β_k = β, as published.
-
-    Parameters
-    ----------
-    record : BODY, ()
-        written: `pull` is s and k / h, `critical_pull` the same at critical damping;
-        `kept_velocity` the share of the velocity of deformation that `damping` leaves, `creep` the
-        share of a strain that becomes permanent, `whole_body_weight` the weight of the match of
-        the whole body, where its regions have the rest
-    body : BodyConfig
-    step, reference_step : float
-        h and h₀, s
-
+    All have the frequency ω of α_s about goals that are constant in the tick. With the goals at
+    positions that are y + τ u, τ = Γ₁ / Γ₂, a deformation of which the goals follow the share f
+    moves as cos φ' = f + (1 − f) cos φ, φ = ω h: at the reference step that is the published
+    scheme. For others, f = β is replaced such that the frequency is the same. `stiffnesses` are
+    those at the reference step.
     """
-    reference_steps = step / reference_step
-    kept_velocity = (1.0 - body.damping) ** reference_steps
-    s, k, beta_s, beta_k = 1.0, 1.0, 0.0, 0.0
-    critical = (1.0, 1.0)
-    conserved_s = conserved_k = body.volume_conservation
-    if body.mode != 'rigid':
-        alpha, beta, kept = body.stiffness, body.deformation, body.volume_conservation
+    alpha, beta = body.stiffness, body.deformation
+    omega = natural_frequency(alpha, reference_step)
+    phase = omega * step
+    followed = natural_frequency((1.0 - beta) * alpha, reference_step)
+    conserved = 1.0 - beta * (1.0 - body.volume_conservation)
+    breathing = natural_frequency(conserved * alpha, reference_step)
+    record['stiffnesses'] = followed**2, omega**2, breathing**2
+    if phase > 0.0:
+        record['deformation'] = beta_at = 1.0 - _share_of(followed * step, phase)
+        if beta_at > 0.0:
+            kept = (1.0 - _share_of(breathing * step, phase)) / beta_at
+            record['volume_conservation'] = 1.0 - kept
+    regular, degenerate, touching = record['responses']
+    # what turns by more than a right angle in a tick cannot swing with its goal
+    least = LEAST_RESIDUAL_DAMPING * min(max(2.0 * phase / math.pi - 1.0, 0.0), 1.0)
+    for place, (responses, zeta) in enumerate(
+        ((regular, _damping(body, 1.0)), (touching, _damping(body)))
+    ):
+        responses[RESIDUAL] = response = oscillator_response(omega, max(zeta, least), step)
+        if phase <= math.pi / 2.0:
+            record['look_ahead'][place] = response[4] / response[5]
+        elif phase < math.pi:
+            record['look_ahead'][place] = math.sin(phase) / omega
+    degenerate[RESIDUAL] = oscillator_response(omega, 1.0, step)
 
-        def gains_at(share: float, bounciness: float = body.bounciness) -> tuple[float, float]:
-            s, k = oscillator_gains(share * alpha, bounciness, step, reference_step)
-            # the map has trace 1 − s + κ − k and determinant (1 − s) κ: no negative eigenvalue
-            return s, min(k, (math.sqrt(1.0 - s) + math.sqrt(kept_velocity)) ** 2)
 
-        s, k = gains_at(1.0)
-        critical = gains_at(1.0, bounciness=0.0)
-        followed_s, followed_k = gains_at(1.0 - beta)
-        followed_k = min(followed_k, k)
-        breathing_s, breathing_k = gains_at(1.0 - beta * (1.0 - kept))
-        beta_k = 1.0 - followed_k / k if k > 0.0 else beta
-        beta_s = 1.0 - followed_s / s if s > 0.0 else beta
-        if k > followed_k:
-            conserved_k = (breathing_k - followed_k) / (k - followed_k)
-        if s > followed_s:
-            conserved_s = (breathing_s - followed_s) / (s - followed_s)
-    friction = body.friction
-    if body.friction_model == 'viscous':
-        friction = 1.0 - (1.0 - friction) ** reference_steps
-    record['mode'] = MODES.index(body.mode)
-    record['pull'], record['critical_pull'] = (s, k / step), (critical[0], critical[1] / step)
-    record['deformation'] = beta_s, beta_k
-    record['volume_conservation'] = conserved_s, conserved_k
-    record['kept_velocity'] = kept_velocity
-    record['yield_strain'] = body.plasticity_yield
-    record['creep'] = -math.expm1(-body.plasticity_creep * step)
-    record['largest_strain'] = body.plasticity_max
-    record['whole_body_weight'] = 1.0 if body.mode == 'rigid' else body.regions_whole_body_weight
-    record['elasticity'], record['bounciness'] = body.elasticity, body.bounciness
-    record['friction'], record['coulomb'] = friction, body.friction_model == 'coulomb'
-    record['thickness'], record['mass'] = body.thickness, body.mass
-    put_modal_gains(record, body, step, reference_step)
-    record['pins_linear'] = body.pins_velocity_linear
-    record['pins_angular'] = body.pins_velocity_angular
+def _share_of(slow: float, phase: float) -> float:
+    """Return 1 − f, for which goals let a deformation turn by the angle `slow` in a tick."""
+    return (math.sin(min(slow, math.pi) / 2.0) / math.sin(min(phase, math.pi) / 2.0)) ** 2

@@ -12,16 +12,12 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.body import RIGID
-from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
     ZERO,
     Matrix,
-    Vector,
-    along,
-    column_of,
     matrix_of,
-    plus,
     put_column,
     put_matrix,
     put_vector,
@@ -30,15 +26,12 @@ from softbody_ros.core.geometry.vectors import (
     vector_of,
 )
 from softbody_ros.core.shape_matching.matching import (
-    LINEAR,
     blend,
     degeneracy_of,
     fill,
     fit,
     linear_block,
-    mixed_products,
     move_to_rest_volume,
-    squares,
 )
 from softbody_ros.core.shape_matching.plasticity import elastic_of, flowed, undeformed_of
 from softbody_ros.core.shape_matching.regions import (
@@ -55,11 +48,10 @@ def find_goal(
     stretch: np.ndarray,
     posture: np.ndarray,
     scratch: np.ndarray,
-    goal_x: np.ndarray,
-    goal_v: np.ndarray,
+    goal: np.ndarray,
 ) -> float:
     """
-    Match the whole body, and write the transforms of its goals for positions and velocities.
+    Match the whole body, and write the transform of its goals (sections 3.3, 4.2, 4.3).
 
     Parameters
     ----------
@@ -68,11 +60,11 @@ def find_goal(
         with the weights of the match
     stretch : (2, S, 3, 3) float
     posture : (S, 3, 3) float
-        see `predict_and_match`
+        see `goal_flight.fly_to_goals`
     scratch : (5, F, 3) float
         the first is Σ w f y, m
-    goal_x, goal_v : (F, 3) float
-        m
+    goal : (F, 3) float
+        dimensionless
 
     Returns
     -------
@@ -90,8 +82,7 @@ def find_goal(
     if body['mode'] == RIGID:
         # the goal follows no deformation, so no fit is needed
         fill(fitted, 0.0)
-        blend(fitted, fitted, 0.0, 0.0, undeformed, goal_x)
-        blend(fitted, fitted, 0.0, 0.0, undeformed, goal_v)
+        blend(fitted, fitted, 0.0, 0.0, undeformed, goal)
         put_matrix(posture[row], undeformed)
         return 0.0
     fit(moment, undeformed, shape, fitted)
@@ -101,8 +92,7 @@ def find_goal(
     conserves = 1.0 if degeneracy < 1.0 else 0.0
     conserved, beta = body['volume_conservation'], body['deformation']
     regularity = 1.0 - degeneracy
-    blend(fitted, volume_fit, conserves * conserved[0], regularity * beta[0], undeformed, goal_x)
-    blend(fitted, volume_fit, conserves * conserved[1], regularity * beta[1], undeformed, goal_v)
+    blend(fitted, volume_fit, conserves * conserved, regularity * beta, undeformed, goal)
     put_matrix(posture[row], undeformed if degeneracy > 0.0 else linear_block(fitted))
     flow(body, stretch, row, elastic, degeneracy)
     return degeneracy
@@ -132,33 +122,32 @@ def match_regions(
     member: np.ndarray,
     features: np.ndarray,
     weighted_features: np.ndarray,
-    region_goals: np.ndarray,
+    goals: np.ndarray,
     stretch: np.ndarray,
     match_centre: np.ndarray,
     match_posture: np.ndarray,
-    origin: Vector,
     degeneracy: float,
 ) -> None:
     """
-    Match each region (section 4.4), and replace predicted positions by the goals.
+    Match each region (section 4.4), and replace the positions of particles by their goals.
 
     Parameters
     ----------
     body, shape, regions, member, features, weighted_features, stretch
-        see `predict_and_match`; the shape with the weights of the match
-    region_goals : (3, N) float
-        predicted positions, then goals, m from the origin
+        see `goal_flight.fly_to_goals`; the shape with the weights of the match
+    goals : (3, N) float
+        positions, then weighted means of the goals by regions, m; the first particle of the body
+        is in column `first_goal`
     match_centre, match_posture : (S, 3), (S, 3, 3) float
-    origin : vector
-        m
+        written, see `goal_flight.fly_to_goals`
     degeneracy : float
         of the match of the whole body
 
     """
-    first, scale, is_plastic = body['first'], shape['scale'], body['is_plastic']
+    first, scale, is_plastic = body['first_goal'], shape['scale'], body['is_plastic']
     for k in range(body['regions']):
         region, row = regions[shape['first_region'] + k], body['first_match'] + 1 + k
-        moment, weighted = region_moment(region, member, weighted_features, region_goals, first)
+        moment, weighted = region_moment(region, member, weighted_features, goals, first)
         moment = times(1.0 / scale, moment)
         plastic = matrix_of(stretch[body['now'], row])
         undeformed = undeformed_of(moment, plastic, is_plastic)
@@ -168,78 +157,12 @@ def match_regions(
             fitted = region_fit(region, moment, undeformed)
             flow(body, stretch, row, elastic_of(fitted, plastic, is_plastic), degeneracy)
     for i in range(first, first + body['count']):
-        put_column(region_goals, i, ZERO)
+        put_column(goals, i, ZERO)
     for k in range(body['regions']):
         region, row = regions[shape['first_region'] + k], body['first_match'] + 1 + k
         centre, undeformed = vector_of(match_centre[row]), matrix_of(match_posture[row])
         transform = times(scale, undeformed)
-        add_region_goals(region, member, features, centre, transform, region_goals, first)
-        put_vector(match_centre[row], plus(origin, centre))
-
-
-@helper
-def put_goal(
-    body: np.void,
-    origin: Vector,
-    centre: Vector,
-    shape: np.void,
-    share: float,
-    goal_v: np.ndarray,
-) -> None:
-    """Write the goal for velocities into the record of a body, see `goal_of`."""
-    goal, scale = body['goal'], shape['scale']
-    put_vector(goal[0], along(origin, share, centre))
-    for f in range(9):
-        for axis in range(3):
-            goal[1 + f, axis] = share * scale * goal_v[f, axis] if f < len(goal_v) else 0.0
-
-
-@helper
-def goal_of(
-    body: np.void, shape: np.void, q: np.ndarray, region_goals: np.ndarray, i: int
-) -> Vector:
-    """
-    Return the goal for the velocity of particle i of the world, m.
-
-    Parameters
-    ----------
-    body : BODY
-    shape : SHAPE
-        with the weights of the match
-    q : (3, M) float
-        of all rest shapes
-    region_goals : (3, N) float
-        goals by regions, m from the origin
-    i : int
-
-    """
-    goal, means = body['goal'], shape['feature_means']
-    rest_q = column_of(q, shape['first'] + i - body['first'])
-    result = vector_of(goal[0])
-    for f in range(LINEAR):
-        result = along(result, rest_q[f], vector_of(goal[1 + f]))
-    if body['mode'] > 1:
-        square, mixed = squares(rest_q), mixed_products(rest_q)
-        for k in range(3):
-            result = along(result, square[k] - means[3 + k], vector_of(goal[4 + k]))
-            result = along(result, mixed[k] - means[6 + k], vector_of(goal[7 + k]))
-    if body['regions']:
-        result = along(result, 1.0 - body['whole_body_weight'], column_of(region_goals, i))
-    return result
-
-
-@kernel
-def fill_goals(
-    bodies: np.ndarray,
-    chosen: np.ndarray,
-    shapes: np.ndarray,
-    q: np.ndarray,
-    region_goals: np.ndarray,
-    goals: np.ndarray,
-) -> None:
-    """Write the goals (3, N), m, of the particles of some bodies, see `goal_of`."""
-    for index in range(len(chosen)):
-        body = bodies[chosen[index]]
-        matched = shapes[body['matched']]
-        for i in range(body['first'], body['first'] + body['count']):
-            put_column(goals, i, goal_of(body, matched, q, region_goals, i))
+        add_region_goals(region, member, features, centre, transform, goals, first)
+        if region['unspanned'][0, 0] + region['unspanned'][1, 1] + region['unspanned'][2, 2] > 1.5:
+            # a point or a line has no orientation of its own
+            put_matrix(match_posture[row], matrix_of(match_posture[body['first_match']]))

@@ -16,10 +16,15 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
+    NO_MATRIX,
+    ZERO,
     Matrix,
     Vector,
+    added,
     cross,
     determinant,
+    outer,
+    plus,
     square,
     vector_of,
 )
@@ -99,6 +104,30 @@ def multiply(matrix: np.ndarray, transform: np.ndarray, result: np.ndarray) -> N
             y += matrix[f, g] * transform[g, 1]
             z += matrix[f, g] * transform[g, 2]
         result[f, 0], result[f, 1], result[f, 2] = x, y, z
+
+
+@helper
+def summed_outer(a: np.ndarray, b: np.ndarray) -> Matrix:
+    """Return Σ_f a_f b_fᵀ of two transforms."""
+    total = NO_MATRIX
+    for f in range(len(a)):
+        total = added(total, outer(vector_of(a[f]), vector_of(b[f])))
+    return total
+
+@helper
+def summed_cross(a: np.ndarray, b: np.ndarray) -> Vector:
+    """Return Σ_f a_f × b_f of two transforms."""
+    total = ZERO
+    for f in range(len(a)):
+        total = plus(total, cross(vector_of(a[f]), vector_of(b[f])))
+    return total
+
+@helper
+def scale_transform(transform: np.ndarray, factor: float) -> None:
+    """Multiply a transform by a number."""
+    for f in range(len(transform)):
+        for axis in range(3):
+            transform[f, axis] *= factor
 
 
 # -------------------------------------------------------------------------------------------- fit

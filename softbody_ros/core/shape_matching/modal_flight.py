@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Unconstrained motion in a tick of a body as a modal system. Not used by `step` yet.
+Unconstrained motion in a tick of a body as a modal system.
 
 Müller, Heidelberger, Teschner, Gross: Meshless Deformations Based on Shape Matching, SIGGRAPH
 2005, is a model of modes: rigid ones, which are free; those that the goal follows, with the
@@ -61,6 +61,7 @@ from softbody_ros.core.geometry.vectors import (
     outer,
     plus,
     product,
+    put_column,
     put_matrix,
     put_vector,
     scaled,
@@ -78,12 +79,14 @@ from softbody_ros.core.lanes import (
     vectors_at,
     weights_at,
 )
-from softbody_ros.core.shape_matching.flight import (
-    scale_transform,
-    summed_cross,
-    summed_outer,
+from softbody_ros.core.shape_matching.gains import (
+    BREATHING,
+    DEGENERATE,
+    FOLLOWED,
+    REGULAR,
+    RESIDUAL,
+    TOUCHING,
 )
-from softbody_ros.core.shape_matching.gains import BREATHING, FOLLOWED, RESIDUAL
 from softbody_ros.core.shape_matching.goals import flow
 from softbody_ros.core.shape_matching.matching import (
     LEAST_SLOPE,
@@ -97,7 +100,10 @@ from softbody_ros.core.shape_matching.matching import (
     move_to_rest_volume,
     multiply,
     scalar_product,
+    scale_transform,
     squares,
+    summed_cross,
+    summed_outer,
 )
 from softbody_ros.core.shape_matching.moments import (
     TILE,
@@ -126,8 +132,6 @@ LARGEST_TURN = 1e4
 """Angle of rotation in one tick beyond which it has no meaning, rad."""
 SERIES = tuple((1 / (2 * k * (2 * k + 1)), 1 / (2 * k * (2 * k - 1))) for k in range(8, 0, -1))
 """Ratios of successive terms of the power series of sine and cosine, from the last one on."""
-REGULAR, DEGENERATE, TOUCHING = 0, 1, 2
-"""States of a body with responses of their own, see `gains.put_modal_gains`."""
 Response = tuple[float, float, float, float, float, float, float]
 """Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂, Γ₃ of `gains.oscillator_response`."""
 
@@ -239,16 +243,35 @@ def fly(
         put_vector(match_centre[row], vector_of(body['centre']))
         posture = product(matrix_of(body['turn']), matrix_of(match_posture[row]))
         put_matrix(match_posture[row], posture)
-        for k in range(body['regions']):
-            region = regions[shape['first_region'] + k]
-            mean = mean_of(region, shape, q, region_members, weighted_features)
-            place = plus(vector_of(body['centre']), applied(posture, mean))
-            put_vector(match_centre[row + 1 + k], place)
-            put_matrix(match_posture[row + 1 + k], posture)
+        put_region_matches(
+            body, shape, q, regions, region_members, weighted_features, match_centre,
+            match_posture,
+        )  # fmt: skip
         for row in range(2):
             put_vector(body['received'][row], ZERO)
-        put_vector(body['load'], ZERO)
     return 0
+
+
+@helper
+def put_region_matches(
+    body: np.void,
+    shape: np.void,
+    q: np.ndarray,
+    regions: np.ndarray,
+    region_members: np.ndarray,
+    weighted_features: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+) -> None:
+    """Write the matches of the regions of a rigid body, from that of the whole."""
+    row = body['first_match']
+    posture = matrix_of(match_posture[row])
+    for k in range(body['regions']):
+        region = regions[shape['first_region'] + k]
+        mean = mean_of(region, shape, q, region_members, weighted_features)
+        place = plus(vector_of(match_centre[row]), applied(posture, mean))
+        put_vector(match_centre[row + 1 + k], place)
+        put_matrix(match_posture[row + 1 + k], posture)
 
 
 @helper
@@ -874,12 +897,12 @@ def write(
     v_of_y, v_of_u, v_of_q = matrix_of(of_v[1:4]), matrix_of(of_v[4:7]), linear_block(of_v[7:])
     square_x, square_v = linear_block(of_x[10:]), linear_block(of_v[10:])
     mixed_x, mixed_v = linear_block(of_x[13:]), linear_block(of_v[13:])
-    is_soft, is_quadratic = body['mode'] != RIGID, body['mode'] > 1
+    is_soft, is_quadratic = body['mode'] != RIGID, has_products(body)
     if is_quadratic:
         for f in range(LINEAR, 9):
             shift = along(shift, -shape['feature_means'][f], vector_of(of_x[7 + f]))
             drift = along(drift, -shape['feature_means'][f], vector_of(of_v[7 + f]))
-    first, rest = body['first'], shape['first'] - body['first']
+    first, rest = body['first'], first_feature(body, shape) - body['first']
     end, origin = first + body['count'], vector_of(body['origin'])
     for i in range(first, end, LANES):
         left = end - i
@@ -919,16 +942,25 @@ def put_start_shape(body: np.void, start: np.ndarray, result: np.ndarray) -> flo
     """
     turn, centre = matrix_of(body['turn']), vector_of(body['centre'])
     shift = minus(centre, applied(turn, vector_of(body['start_centre'])))
-    first, end, powers = body['first'], body['first'] + body['count'], lanes_of(0.0)
-    for i in range(first, end, LANES):
-        left = end - i
-        turned = plus(shift, applied(turn, vectors_at(start, i, left)))
-        apart = minus(vectors_at(result, i, left), turned)
-        square = dot(apart, apart)
-        square = square * square
-        powers = powers + square * square
-        put_vectors(result, i, left, turned)
-    return math.sqrt(math.sqrt(math.sqrt(total(powers))))
+    first, end, powers, last = body['first'], body['first'] + body['count'], lanes_of(0.0), 0.0
+    whole = end - body['count'] % LANES
+    for i in range(first, whole, LANES):
+        turned = plus(shift, applied(turn, vectors_at(start, i, LANES)))
+        powers = powers + eighth_power(minus(vectors_at(result, i, LANES), turned))
+        put_vectors(result, i, LANES, turned)
+    for i in range(whole, end):
+        place = plus(shift, applied(turn, column_of(start, i)))
+        last += eighth_power(minus(column_of(result, i), place))
+        put_column(result, i, place)
+    return math.sqrt(math.sqrt(math.sqrt(total(powers) + last)))
+
+
+@helper
+def eighth_power(a):  # type: ignore[no-untyped-def]
+    """Return |a|⁸ of a vector, or of lanes."""
+    square = dot(a, a)
+    square = square * square
+    return square * square
 
 
 # ------------------------------------------------------------------------------- single particles
@@ -947,8 +979,20 @@ def mapped(
     y, u = minus(column_of(x, i), vector_of(body['origin'])), column_of(v, i)
     result = plus(result, applied(matrix_of(of[1:4]), y))
     result = plus(result, applied(matrix_of(of[4:7]), u))
-    rest = shape['first'] + i - body['first']
-    return with_features(result, of[7:], body['mode'] > 1, shape, q, rest)
+    rest = first_feature(body, shape) + i - body['first']
+    return with_features(result, of[7:], has_products(body), shape, q, rest)
+
+
+@helper
+def first_feature(body: np.void, shape: np.void) -> int:
+    """Return the column of `q` with the features, or the goal, of the first particle."""
+    return body['first_goal'] if body['follows_goals'] else shape['first']
+
+
+@helper
+def has_products(body: np.void) -> bool:
+    """Return whether products of features, too, are in the map of a body."""
+    return body['mode'] > 1 and not body['follows_goals']
 
 
 @helper

@@ -67,15 +67,6 @@ class Sums(NamedTuple):
     yxv: Vector  # Σ w y × v
 
 
-class RegionSums(NamedTuple):
-    """The same of the goals by regions p, with y̅ the offset of y from its mean."""
-
-    p: Vector
-    pp: Matrix  # Σ w p̅ p̅ᵀ
-    py: Matrix  # Σ w p̅ y̅ᵀ
-    pxv: Vector  # Σ w p̅ × v
-
-
 @helper
 def sample_mean(x: np.ndarray, body: np.void) -> Vector:
     """Return an approximate centre of a body, m, as the origin of sums, for precision."""
@@ -235,54 +226,3 @@ def is_finite(centre: Vector, moments: np.ndarray) -> bool:
     for f in range(len(moments)):
         largest += abs(moments[f, 0]) + abs(moments[f, 1]) + abs(moments[f, 2])
     return largest < LARGEST_MOMENT
-
-
-@helper
-def region_sums(
-    x: np.ndarray,
-    v: np.ndarray,
-    body: np.void,
-    shape: np.void,
-    weights: np.ndarray,
-    q: np.ndarray,
-    offset: Vector,
-    h: float,
-    region_goals: np.ndarray,
-    pf: np.ndarray,
-    y: np.ndarray,
-) -> RegionSums:
-    """Return the sums with the goals by regions; Σ w f p is written as pf (F, 3)."""
-    mean, pxv = ZERO, ZERO
-    pp, py = NO_MATRIX, NO_MATRIX
-    velocity, y_mean = ZERO, ZERO
-    end = body['first'] + body['count']
-    for start in range(body['first'], end, TILE):
-        tile = Tile(start, min(start + TILE, end), shape['first'] - body['first'])
-        store_predicted(x, v, start, tile.stop, offset, h, y, 0)
-        of_p, of_v, upper, lower, angular = sums_of_tile(tile, region_goals, 0, v, weights)
-        mean, velocity, pxv = plus(mean, of_p), plus(velocity, of_v), plus(pxv, angular)
-        pp = added(pp, symmetric(upper, lower))
-        mixed, of_y = products_of_tile(tile, region_goals, y, weights)
-        py, y_mean = added(py, mixed), plus(y_mean, of_y)
-        add_moments(tile, region_goals, 0, weights, q, pf)
-    subtract_means(pf, shape, mean)
-    pp = combined(1.0, pp, -1.0, outer(mean, mean))
-    py = combined(1.0, py, -1.0, outer(mean, y_mean))
-    return RegionSums(mean, pp, py, minus(pxv, cross(mean, velocity)))
-
-
-@helper
-def products_of_tile(
-    tile: Tile, p: np.ndarray, y: np.ndarray, w: np.ndarray
-) -> tuple[Matrix, Vector]:
-    """Return Σ w p yᵀ and Σ w y, with y in the tile."""
-    first = second = third = of_y = no_vectors()
-    for i in range(tile.start, tile.stop, LANES):
-        left = tile.stop - i
-        weighted = scaled(weights_at(w, tile.rest + i, left), vectors_at(y, i - tile.start, left))
-        goal = vectors_at(p, i, left)
-        of_y = plus(of_y, weighted)
-        first = along(first, goal[0], weighted)
-        second = along(second, goal[1], weighted)
-        third = along(third, goal[2], weighted)
-    return (totals(first), totals(second), totals(third)), totals(of_y)

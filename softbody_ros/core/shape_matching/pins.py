@@ -10,7 +10,8 @@ particles are pulled to that goal with their own masses, as to any other, so the
 conservative, and the body is suspended with its own weight. (Large weights in the centre of mass
 alone, a common error, rotate and stretch the shape about a wrong point.)
 
-Rigid bodies are moved to their pins by the least motion that does so.
+What a body is free to do as a whole is to turn about its only pin, or about the line of its pins,
+see `allowed_axes`; otherwise it moves as these.
 """
 
 from __future__ import annotations
@@ -19,36 +20,42 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.config import BodyConfig, ConfigError, in_brackets
 from softbody_ros.core.geometry.vectors import (
+    IDENTITY,
+    NO_MATRIX,
     ZERO,
+    Matrix,
     Vector,
+    added,
     applied,
+    combined,
     column_of,
     cross,
     minus,
+    norm,
+    outer,
     plus,
+    product,
     put_column,
     scaled,
+    times,
     vector_of,
 )
-from softbody_ros.core.shape_matching.polar_decomposition import rotation_by_vector
-from softbody_ros.core.shape_matching.regions import Regions, make_regions
-from softbody_ros.core.shape_matching.rest_shape import (
-    RANK_CUT,
-    RestShape,
-    make_rest_shape,
-    pseudo_inverse,
-    weighted_mean,
+from softbody_ros.core.shape_matching.polar_decomposition import (
+    orthogonal_columns,
+    rotation_by_vector,
 )
+from softbody_ros.core.shape_matching.regions import Regions, make_regions
+from softbody_ros.core.shape_matching.rest_shape import RestShape, make_rest_shape
+from softbody_ros.core.shape_matching.rigid_motion import inertia_of
 
 COUPLING = 100.0
 """Weight of all pins in the match, in body masses."""
-RIGID_ROUNDS = 3
-"""Newton steps by which a rigid body is moved to its pins; each squares the error."""
+SPREAD = 1e-10
+"""Squared extent of the pins, relative to the RMS radius, below which they are a point or line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +154,82 @@ def pinned_particles(body: BodyConfig, rest: RestShape) -> np.ndarray:
     return np.flatnonzero(chosen)
 
 
+@helper
+def centre_of(particle: np.ndarray, x: np.ndarray) -> Vector:
+    """Return the mean position of particles, m."""
+    total = ZERO
+    for k in range(len(particle)):
+        total = plus(total, column_of(x, particle[k]))
+    return scaled(1.0 / len(particle), total)
+
+
+@helper
+def allowed_axes(particle: np.ndarray, x: np.ndarray, scale: float) -> tuple[Vector, Matrix]:
+    """
+    Return the centre of the pins, m, and the projector on the axes about which they let turn.
+
+    That is the identity for pins in one point, k kᵀ for those on a line along k, or else 0.
+
+    Parameters
+    ----------
+    particle : (m,) int
+        pinned particles, as columns of x
+    x : (3, N) float
+        m
+    scale : float
+        RMS radius of the body, m
+
+    """
+    centre, spread = centre_of(particle, x), NO_MATRIX
+    for k in range(len(particle)):
+        arm = scaled(1.0 / scale, minus(column_of(x, particle[k]), centre))
+        spread = added(spread, outer(arm, arm))
+    columns, axes = orthogonal_columns(spread)
+    largest, others = 0, 0.0
+    for k in range(3):
+        if norm(columns[k]) > norm(columns[largest]):
+            largest = k
+    for k in range(3):
+        if k != largest:
+            others = max(others, norm(columns[k]))
+    if norm(columns[largest]) <= SPREAD:
+        return centre, IDENTITY
+    if others <= SPREAD:
+        return centre, outer(axes[largest], axes[largest])
+    return centre, NO_MATRIX
+
+
+@helper
+def inverse_about(allowed: Matrix, gram: Matrix, scale: float, cut: float) -> Matrix:
+    """
+    Return the inverse inertia for rotations about allowed axes only, 1/m².
+
+    Parameters
+    ----------
+    allowed : matrix
+        projector on the axes, see `allowed_axes`
+    gram : matrix
+        second moments about the pins, m²
+    scale : float
+        RMS radius of the body, m
+    cut : float
+        principal inertia, in squares of that, below which it does not turn
+
+    """
+    least = cut * scale * scale
+    if allowed[0][0] + allowed[1][1] + allowed[2][2] > 2.0:
+        columns, axes = orthogonal_columns(inertia_of(gram))
+        result = NO_MATRIX
+        for k in range(3):
+            inertia = norm(columns[k])
+            if inertia > least:
+                result = combined(1.0, result, 1.0 / inertia, outer(axes[k], axes[k]))
+        return result
+    about = product(allowed, inertia_of(gram))
+    inertia = about[0][0] + about[1][1] + about[2][2]
+    return times(1.0 / inertia if inertia > least else 0.0, allowed)
+
+
 @kernel
 def hold(
     bodies: np.ndarray,
@@ -157,7 +240,7 @@ def hold(
     h: float,
 ) -> None:
     """
-    Set pinned particles of deformable bodies to their prescribed positions and velocities.
+    Set pinned particles to their prescribed positions and velocities.
 
     Parameters
     ----------
@@ -197,107 +280,9 @@ def move_pinned(
             put_column(x, particle[k], column_of(start, particle[k]))
             put_column(v, particle[k], ZERO)
         return
-    centre = ZERO
-    for k in range(len(particle)):
-        centre = plus(centre, column_of(start, particle[k]))
-    centre = scaled(1.0 / len(particle), centre)
+    centre = centre_of(particle, start)
     rotation, new_centre = rotation_by_vector(scaled(h, angular)), plus(centre, scaled(h, linear))
     for k in range(len(particle)):
         arm = applied(rotation, minus(column_of(start, particle[k]), centre))
         put_column(x, particle[k], plus(new_centre, arm))
         put_column(v, particle[k], plus(linear, cross(angular, arm)))
-
-
-def hold_rigid_body(
-    start: np.ndarray, x: np.ndarray, v: np.ndarray, pins: Pins, rest: RestShape, h: float
-) -> None:
-    """
-    Move a rigid body by the least motion that brings its pins to their prescribed positions.
-
-    Parameters
-    ----------
-    start : (3, n) float
-        positions at the tick before, m
-    x, v : (3, n) float
-        m, m/s: changed in place
-    pins : Pins
-    rest : RestShape
-    h : float
-        s
-
-    """
-    target, velocity = np.empty_like(start), np.empty_like(start)
-    move_pinned_particles(pins.particle, start, pins.linear, pins.angular, h, target, velocity)
-    target, velocity = target[:, pins.particle], velocity[:, pins.particle]
-    # half of the impulse at the start of the tick, the rest at its end, conserves the energy of
-    # a pendulum
-    centre = weighted_mean(start.T, rest.weights)
-    linear, angular = _minimal_motion(start, centre, velocity - v[:, pins.particle], pins, rest)
-    v += 0.5 * _rigid_field(start, centre, linear, angular)
-    for _ in range(RIGID_ROUNDS):
-        centre = weighted_mean(x.T, rest.weights)
-        shift, angle = _minimal_motion(x, centre, target - x[:, pins.particle], pins, rest)
-        offsets = Rotation.from_rotvec(angle).as_matrix() @ (x - centre[:, None])
-        x[:] = offsets + (centre + shift)[:, None]
-    centre = weighted_mean(x.T, rest.weights)
-    linear, angular = _minimal_motion(x, centre, velocity - v[:, pins.particle], pins, rest)
-    v += _rigid_field(x, centre, linear, angular)
-
-
-@kernel
-def move_pinned_particles(
-    particle: np.ndarray,
-    start: np.ndarray,
-    linear: np.ndarray,
-    angular: np.ndarray,
-    h: float,
-    x: np.ndarray,
-    v: np.ndarray,
-) -> None:
-    """Write the prescribed positions and velocities of the pins of one body after a tick."""
-    move_pinned(particle, start, vector_of(linear), vector_of(angular), h, x, v)
-
-
-def jacobian(arms: np.ndarray) -> np.ndarray:
-    """
-    Return the matrices (…, 3, 6) from twists to velocities at arms (…, 3) from the centre.
-
-    A twist is the velocity v of the centre and the angular velocity ω; the result is v + ω × arm.
-    """
-    result = np.zeros((*arms.shape, 6))
-    result[..., [0, 1, 2], [0, 1, 2]] = 1.0
-    result[..., [0, 1, 2], [4, 5, 3]] = arms[..., [2, 0, 1]]
-    result[..., [0, 1, 2], [5, 3, 4]] = -arms[..., [1, 2, 0]]
-    return result
-
-
-def _rigid_field(
-    x: np.ndarray, centre: np.ndarray, linear: np.ndarray, angular: np.ndarray
-) -> np.ndarray:
-    """Return the velocities (3, n) of a rigid motion at x (3, n)."""
-    return linear[:, None] + np.cross(angular, x - centre[:, None], axisb=0, axisc=0)
-
-
-def _minimal_motion(
-    x: np.ndarray, centre: np.ndarray, misfit: np.ndarray, pins: Pins, rest: RestShape
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least translation and rotation vector that remove the misfit (3, m) of pins."""
-    # rotations are measured by the displacement at the RMS radius: also a length
-    arms = (x[:, pins.particle].T - centre) / rest.scale
-    energy = np.eye(6)
-    energy[3:, 3:] = _inertia((x - centre[:, None]) / rest.scale, rest.weights)
-    # in a basis of motions of kinetic energy 1 the pseudo-inverse gives the least motion
-    values, vectors = np.linalg.eigh(energy)
-    rotatable = values > RANK_CUT  # a rod has no rotation about its axis
-    motions = vectors[:, rotatable] / np.sqrt(values[rotatable])
-    response = jacobian(arms).reshape(-1, 6) @ motions
-    inverse, _ = pseudo_inverse(response.T @ response)
-    motion = motions @ (inverse @ (response.T @ misfit.T.ravel()))
-    return motion[:3], motion[3:] / rest.scale
-
-
-def _inertia(arms: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the inertia tensor (3, 3) of arms (3, n) with mass shares (n,)."""
-    weighted = arms * weights
-    gram = np.array([[(a * b).sum() for b in arms] for a in weighted])
-    return np.trace(gram) * np.eye(3) - gram

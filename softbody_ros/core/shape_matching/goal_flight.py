@@ -1,0 +1,629 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Unconstrained motion in a tick of a body with regions or pins: each particle swings about its goal.
+
+Müller, Heidelberger, Teschner, Gross: Meshless Deformations Based on Shape Matching, SIGGRAPH
+2005, with regions (section 4.4). Such a body is no simple system of modes: its goals follow bends
+of regions, and where pins hold it, these. So the goals g are taken as constant in the tick, and
+each particle is the exact oscillator of the frequency ω of α_s about its own
+(`gains.oscillator_response`). With offsets r from the centre of mass, the angular velocity Ω and
+velocities of deformation u = v − V − Ω × r
+
+    x' = c' + E [g + Φ₁₁ (r − g) + Φ₁₂ u + Γ₁ b]
+    v' = V' + E [Φ₂₁ (r − g) + Φ₂₂ u + Γ₂ b] + Ω' × (x' − c').
+
+E is the rotation of the free rigid body by the implicit midpoint rule; Ω' restores the angular
+momentum; b is the centrifugal acceleration, less the angular one that it causes. The goals are
+those of the shape r + τ u with τ = Γ₁ / Γ₂: then a deformation which they follow by the share f
+turns by φ' with cos φ' = f + (1 − f) cos φ, φ = ω h, and without damping loses no energy. At the
+reference step this is the published scheme, but with velocities at the tick.
+
+Pins. In the match, and only there, pinned particles have many times the weight of the body (see
+`pins`), so the goals are where the pins hold them. The centre is then that of the pins, and moves
+as prescribed, and so does the body but for a rotation about it, if there is one pin, or about
+their axis, if they lie on a line: Ω' restores the angular momentum about these only. Gravity is
+part of b, less the angular acceleration that it causes: so a body that hangs is in rest exactly
+where r − g = b / ω².
+
+The result is linear in r, v and the goals, which take the place of the features in `map`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softbody_ros.core.body import RIGID
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.geometry.vectors import (
+    IDENTITY,
+    NO_MATRIX,
+    ZERO,
+    Matrix,
+    Vector,
+    added,
+    along,
+    applied,
+    applied_transposed,
+    axial,
+    column_of,
+    combined,
+    cross,
+    cross_matrix,
+    dot,
+    matrix_of,
+    minus,
+    norm,
+    outer,
+    plus,
+    product,
+    put_column,
+    put_matrix,
+    put_vector,
+    scaled,
+    times,
+    transposed,
+    vector_of,
+)
+from softbody_ros.core.lanes import (
+    LANES,
+    no_vectors,
+    put_vectors,
+    totals,
+    vectors_at,
+    weights_at,
+)
+from softbody_ros.core.shape_matching.gains import REGULAR, RESIDUAL, TOUCHING
+from softbody_ros.core.shape_matching.goals import find_goal, match_regions
+from softbody_ros.core.shape_matching.matching import (
+    LINEAR,
+    fill,
+    linear_block,
+    mixed_products,
+    scale_transform,
+    squares,
+)
+from softbody_ros.core.shape_matching.modal_flight import (
+    TURN_CONVERGED,
+    TURN_STEPS,
+    blended_response,
+    centrifugal_field,
+    put_map,
+    put_region_matches,
+    rotation_by,
+    turned,
+    write,
+)
+from softbody_ros.core.shape_matching.moments import (
+    TILE,
+    Tile,
+    add_moments,
+    is_finite,
+    subtract_means,
+    symmetric,
+)
+from softbody_ros.core.shape_matching.pins import allowed_axes, inverse_about
+from softbody_ros.core.shape_matching.polar_decomposition import rotation_of
+from softbody_ros.core.shape_matching.rigid_motion import (
+    INERTIA_CUT,
+    inertia_of,
+    measure_about,
+    put_motion,
+)
+
+THIN = 1e-4
+"""Squared radius of gyration about an axis, relative to the RMS radius, below which a body turns
+about it particle by particle: a rod that is bent a little would turn by any angle in a tick."""
+
+
+class Motion(NamedTuple):
+    """The rigid motion of a body at the start of a tick, and what the pins allow of it."""
+
+    pivot: Vector  # centre of mass, or of the pins, m
+    velocity: Vector  # of it, m/s
+    carried: Vector  # angular velocity that pins prescribe, rad/s
+    allowed: Matrix  # projector on the axes of free rotations
+    mass_offset: Vector  # centre of mass from the pivot, m
+    gram: Matrix  # second moments about the pivot, m²
+    spin: Vector  # angular momentum about it, beside that of `carried`, per mass, m²/s
+    inverse: Matrix  # inverse inertia about the free axes, 1/m²
+    rate: Vector  # angular velocity, rad/s
+
+
+class Deviations(NamedTuple):
+    """Moments of the offsets p and velocities s after the tick, in axes that turn."""
+
+    mean_p: Vector  # m
+    mean_s: Vector  # m/s
+    pp: Matrix  # Σ w p pᵀ, m²
+    pxs: Vector  # Σ w p × s, m²/s
+
+
+class Field(NamedTuple):
+    """An acceleration a + F r of particles at offsets r."""
+
+    constant: Vector  # m/s²
+    of_offset: Matrix  # 1/s²
+
+
+@kernel
+def fly_to_goals(
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    stretch: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    regions: np.ndarray,
+    region_members: np.ndarray,
+    features: np.ndarray,
+    weighted_features: np.ndarray,
+    pinned: np.ndarray,
+    gravity: np.ndarray,
+    h: float,
+) -> int:
+    """
+    Move bodies with regions or pins without contacts, from the half `now` of `x`, `v` to the other.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+        results of the tick are written into them
+    awake : (A,) int
+        bodies to move
+    shapes : (R,) SHAPE
+    weights, q : (M,), (3, M + G) float
+        of all rest shapes; the goals are written behind these
+    x, v : (2, 3, N) float
+        m, m/s
+    stretch : (2, S, 3, 3) float
+        plastic states of all matches
+    match_centre, match_posture : (S, 3), (S, 3, 3) float
+        written: centres, m, and linear maps of offsets, of the matched shapes x̂
+    regions : (Q,) REGION
+    region_members, features, weighted_features : (m,) int, (4, m), (4, m) float
+        members of all regions, see `Regions`
+    pinned : (m,) int
+        pinned particles of all bodies
+    gravity : (3,) float
+        m/s²
+    h : float
+        s
+
+    Returns
+    -------
+    int
+        0, or 1 + the index of a body with positions or velocities that are not finite
+
+    """
+    linear, quadratic = np.empty((6, 3, 3)), np.empty((6, 9, 3))
+    g = vector_of(gravity)
+    for index in range(len(awake)):
+        body = bodies[awake[index]]
+        shape, matched, now = shapes[body['shape']], shapes[body['matched']], body['now']
+        body['flowed'], body['flattened'][1 - now] = False, 0.0
+        x0, v0 = x[now], v[now]
+        motion = motion_of_body(body, shape, weights, pinned, x0, v0)
+        if not is_finite_motion(motion):
+            return 1 + awake[index]
+        put_vector(body['origin'], motion.pivot)
+        put_vector(body['start_centre'], motion.pivot)
+        if body['mode'] == RIGID:
+            posture = rigid_posture(body, shape, weights, q, x0, motion.pivot)
+            put_matrix(match_posture[body['first_match']], posture)
+            put_vector(match_centre[body['first_match']], motion.mass_offset)
+        else:
+            scratch = quadratic if body['mode'] > 1 else linear
+            posture = find_goals(
+                body, matched, weights, q, x0, v0, motion, regions, region_members, features,
+                weighted_features, stretch, match_centre, match_posture, scratch,
+            )  # fmt: skip
+        advance(body, shape, weights, q, x0, v0, motion, posture, pinned, g, h)
+        write(x0, v0, body, shape, q, x[1 - now], v[1 - now])
+        for row in range(body['first_match'], body['first_match'] + 1 + body['regions']):
+            turn, centre = matrix_of(body['turn']), vector_of(match_centre[row])
+            put_vector(match_centre[row], plus(vector_of(body['centre']), applied(turn, centre)))
+            put_matrix(match_posture[row], product(turn, matrix_of(match_posture[row])))
+            if body['mode'] == RIGID:
+                put_region_matches(
+                    body, shape, q, regions, region_members, weighted_features, match_centre,
+                    match_posture,
+                )  # fmt: skip
+                break
+        for row in range(2):
+            put_vector(body['received'][row], ZERO)
+    return 0
+
+
+# ---------------------------------------------------------------------------------- rigid motion
+@helper
+def motion_of_body(
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    pinned: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+) -> Motion:
+    """Return the rigid motion of a body at the start of a tick, within its pins."""
+    own = weights[shape['first'] : shape['first'] + shape['count']]
+    first, carried, allowed, offset = body['first'], ZERO, IDENTITY, ZERO
+    centre = ZERO
+    for i in range(len(own)):
+        centre = along(centre, own[i], column_of(x, first + i))
+    pivot = centre
+    if body['pins'] > 0:
+        particles = pinned[body['first_pin'] : body['first_pin'] + body['pins']]
+        pivot, allowed = allowed_axes(particles, x, shape['scale'])
+        offset = minus(centre, pivot)
+        if allowed[0][0] + allowed[1][1] + allowed[2][2] < 2.0:
+            carried = vector_of(body['pins_angular'])
+    velocity, spin, gram = measure_about(x, v, first, own, pivot)
+    if body['pins'] > 0:
+        velocity = vector_of(body['pins_linear'])
+        spin = minus(spin, cross(offset, velocity))
+        spin = minus(spin, applied(inertia_of(gram), carried))
+    inverse = inverse_about(allowed, gram, shape['scale'], THIN)
+    rate = plus(carried, applied(inverse, spin))
+    return Motion(pivot, velocity, carried, allowed, offset, gram, spin, inverse, rate)
+
+
+@helper
+def is_finite_motion(motion: Motion) -> bool:
+    """Return whether all positions and velocities are finite, from moments, sums over all."""
+    moments = np.empty((5, 3))
+    put_matrix(moments[:3], motion.gram)
+    put_vector(moments[3], motion.spin)
+    put_vector(moments[4], motion.velocity)
+    return is_finite(motion.pivot, moments)
+
+
+@helper
+def rigid_posture(
+    body: np.void, shape: np.void, weights: np.ndarray, q: np.ndarray, x: np.ndarray, pivot: Vector
+) -> Matrix:
+    """Return the rotation R of a rigid body from rest (eq. 7)."""
+    moment, rest = NO_MATRIX, shape['first']
+    for i in range(body['count']):
+        arm = scaled(weights[rest + i], minus(column_of(x, body['first'] + i), pivot))
+        moment = added(moment, outer(arm, column_of(q, rest + i)))
+    return rotation_of(moment)
+
+
+# ----------------------------------------------------------------------------------------- goals
+@helper
+def find_goals(
+    body: np.void,
+    matched: np.void,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    motion: Motion,
+    regions: np.ndarray,
+    region_members: np.ndarray,
+    features: np.ndarray,
+    weighted_features: np.ndarray,
+    stretch: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    scratch: np.ndarray,
+) -> Matrix:
+    """
+    Write the goals of all particles, m from the pivot, and return the rotation of the whole body.
+
+    Parameters
+    ----------
+    body, matched : BODY, SHAPE
+        the shape with the weights of the match
+    x, v : (3, N) float
+        m, m/s
+    motion : Motion
+    match_centre : (S, 3) float
+        written: centres, m from the pivot
+    scratch : (6, F, 3) float
+    weights, q, regions, region_members, features, weighted_features, stretch, match_posture
+        see `fly_to_goals`
+
+    """
+    goal, moment, row = scratch[5], scratch[0], body['first_match']
+    look_ahead(body, x, v, motion, q)
+    centre = match_moments(body, matched, weights, q, moment)
+    rotation = rotation_of(linear_block(moment))
+    degeneracy = find_goal(body, matched, stretch, match_posture, scratch, goal)
+    body['degeneracy'] = degeneracy
+    put_vector(match_centre[row], centre)
+    match_regions(
+        body, matched, regions, region_members, features, weighted_features, q, stretch,
+        match_centre, match_posture, degeneracy,
+    )  # fmt: skip
+    add_goals(body, matched, q, centre, goal)
+    return rotation
+
+
+@helper
+def look_ahead(
+    body: np.void, x: np.ndarray, v: np.ndarray, motion: Motion, q: np.ndarray
+) -> None:
+    """Write offsets r + τ u from the pivot in the place of the goals, m."""
+    time = body['look_ahead'][1 if body['touches'][body['now']] > 0 else 0]
+    time *= body['kept_velocity']
+    first, to_goal = body['first'], body['first_goal'] - body['first']
+    end, turning = body['first'] + body['count'], times(-1.0, cross_matrix(motion.rate))
+    for i in range(first, end, LANES):
+        left = end - i
+        r = minus(vectors_at(x, i, left), motion.pivot)
+        u = plus(minus(vectors_at(v, i, left), motion.velocity), applied(turning, r))
+        put_vectors(q, to_goal + i, left, along(r, time, u))
+
+
+@helper
+def match_moments(
+    body: np.void, shape: np.void, weights: np.ndarray, y: np.ndarray, moment: np.ndarray
+) -> Vector:
+    """
+    Return the mean of positions in the place of the goals, m, and write Σ w f y (F, 3).
+
+    With the weights of the match. The mean is not subtracted: that of the features is 0.
+    """
+    mean, end = ZERO, body['first'] + body['count']
+    rest, to_y = shape['first'] - body['first'], body['first_goal'] - body['first']
+    fill(moment, 0.0)
+    for start in range(body['first'], end, TILE):
+        tile, total = Tile(start, min(start + TILE, end), rest), no_vectors()
+        for i in range(tile.start, tile.stop, LANES):
+            left = tile.stop - i
+            total = along(total, weights_at(weights, rest + i, left), vectors_at(y, to_y + i, left))
+        mean = plus(mean, totals(total))
+        add_moments(tile, y, to_y, weights, y, moment)
+    subtract_means(moment, shape, mean)
+    return mean
+
+
+@helper
+def add_goals(
+    body: np.void, shape: np.void, q: np.ndarray, centre: Vector, goal: np.ndarray
+) -> None:
+    """Add the share of the whole body, centre + scale T f, to that of the regions."""
+    share = body['whole_body_weight']
+    scale_transform(goal, share * shape['scale'])
+    shift, of_q = scaled(share, centre), linear_block(goal)
+    of_squares = of_products = NO_MATRIX
+    is_quadratic = len(goal) > LINEAR
+    if is_quadratic:
+        of_squares, of_products = linear_block(goal[3:]), linear_block(goal[6:])
+    for f in range(LINEAR, len(goal)):
+        shift = along(shift, -shape['feature_means'][f], vector_of(goal[f]))
+    rest, to_goal = shape['first'] - body['first'], body['first_goal'] - body['first']
+    end = body['first'] + body['count']
+    for i in range(body['first'], end, LANES):
+        left = end - i
+        point, of_regions = vectors_at(q, rest + i, left), vectors_at(q, to_goal + i, left)
+        place = plus(plus(shift, applied(of_q, point)), scaled(1.0 - share, of_regions))
+        if is_quadratic:
+            place = plus(place, applied(of_squares, squares(point)))
+            place = plus(place, applied(of_products, mixed_products(point)))
+        put_vectors(q, to_goal + i, left, place)
+
+
+# --------------------------------------------------------------------------------------- advance
+@helper
+def advance(
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    motion: Motion,
+    posture: Matrix,
+    pinned: np.ndarray,
+    gravity: Vector,
+    h: float,
+) -> None:
+    """
+    Compute the flight of a body about its goals, and write its map and its response.
+
+    Parameters
+    ----------
+    body : BODY
+        written: rigid motion after the tick, `map`, and what responses to forces need
+    shape : SHAPE
+    motion : Motion
+    posture : matrix
+        R of the whole body
+    gravity : vector
+        m/s²
+    weights, q, x, v, pinned, h
+        see `fly_to_goals`
+
+    """
+    scale, kept, is_soft = shape['scale'], body['kept_velocity'], body['mode'] != RIGID
+    # the wrench in the axes at the start, per mass
+    wrench, force, torque = body['wrench'], ZERO, ZERO
+    if body['has_wrench']:
+        force = plus(vector_of(wrench[0, 0]), applied(posture, vector_of(wrench[1, 0])))
+        torque = plus(vector_of(wrench[0, 1]), applied(posture, vector_of(wrench[1, 1])))
+    field = acceleration_field(body, motion, plus(gravity, force), torque, scale)
+    response = blended_response(body, RESIDUAL)
+    a, b, c, d, given, given_v = response[:6]
+    # p = P₀ + P r + Q u + T g, and the same of s, with u = v − V
+    turning = cross_matrix(motion.rate)
+    of_r = combined(a, IDENTITY, -b * kept, turning)
+    of_r = combined(1.0, of_r, given, field.of_offset)
+    speed_of_r = combined(c, IDENTITY, -d * kept, turning)
+    speed_of_r = combined(1.0, speed_of_r, given_v, field.of_offset)
+    start, start_speed = scaled(given, field.constant), scaled(given_v, field.constant)
+    moments = Deviations(motion.mass_offset, ZERO, motion.gram, ZERO)
+    if is_soft:
+        moments = deviations(
+            body, shape, weights, q, x, v, motion, of_r, b * kept, 1.0 - a, start, speed_of_r,
+            d * kept, -c, start_speed, pinned,
+        )  # fmt: skip
+        if body['pins'] == 0:
+            # rounding, and particles without mass, which regions give a little
+            start = minus(start, moments.mean_p)
+            start_speed = minus(start_speed, moments.mean_s)
+    pp, internal = moments.pp, moments.pxs
+
+    # rotation of the free rigid body by the midpoint rule
+    middle = inverse_about(motion.allowed, combined(0.5, motion.gram, 0.5, pp), scale, THIN)
+    arm = scaled(0.5, plus(motion.mass_offset, moments.mean_p))
+    rate, spin, moment = applied(middle, motion.spin), motion.spin, torque
+    for _ in range(TURN_STEPS):
+        turn = rotation_by(scaled(0.5 * h, rate))
+        if body['has_wrench']:
+            axes = product(turn, posture)
+            force = plus(vector_of(wrench[0, 0]), applied(axes, vector_of(wrench[1, 0])))
+            torque = plus(vector_of(wrench[0, 1]), applied(axes, vector_of(wrench[1, 1])))
+        moment = torque
+        if body['pins'] > 0:
+            moment = plus(moment, cross(applied(turn, arm), plus(gravity, force)))
+        before = rate
+        rate = applied_transposed(turn, along(spin, 0.5 * h, moment))
+        rate = applied(turn, applied(middle, rate))
+        change = minus(rate, before)
+        if dot(change, change) <= TURN_CONVERGED * TURN_CONVERGED * dot(rate, rate):
+            break
+    turn, acceleration = rotation_by(scaled(h, rate)), plus(gravity, force)
+    after = inverse_about(motion.allowed, pp, scale, INERTIA_CUT)
+    spin = applied_transposed(turn, along(spin, h, moment))
+    rate = applied(after, minus(spin, internal))
+    if body['pins'] == 0:
+        spin = plus(applied(inertia_of(pp), rate), internal)
+    # where pins carry it
+    carry = rotation_by(scaled(h, motion.carried))
+    turn = product(carry, turn)
+    rate = plus(applied_transposed(turn, motion.carried), rate)
+    centre, velocity = along(motion.pivot, h, motion.velocity), motion.velocity
+    if body['pins'] == 0:
+        centre = along(centre, 0.5 * h * h, acceleration)
+        velocity = along(velocity, h, acceleration)
+
+    put_motion(body, centre, velocity, applied(turn, spin), turned(turn, after))
+    put_matrix(body['turn'], turn)
+    put_matrix(body['start_inverse_inertia'], turned(turn, motion.inverse))
+    put_matrix(body['second_moments'], turned(turn, pp))
+    put_vector(body['inner_momentum'], applied(turn, internal))
+    put_vector(body['angular_velocity'], applied(turn, rate))
+    put_vector(body['carried'], motion.carried)
+    put_matrix(body['allowed'], turned(carry, motion.allowed))
+
+    # p and s + Ω' × p as linear maps
+    rotating = cross_matrix(rate)
+    of_goal, speed_of_goal = times(1.0 - a, IDENTITY), times(-c, IDENTITY)
+    if not is_soft:
+        rest = vector_of_pins(body, shape, q, pinned)
+        of_goal, speed_of_goal = times(scale, posture), NO_MATRIX
+        start = applied(of_goal, scaled(-1.0, rest))
+        of_r = speed_of_r = NO_MATRIX
+        start_speed = ZERO
+    of_v, speed_of_v = b * kept, d * kept
+    put_map(
+        body['map'][0],
+        product(turn, of_r),
+        times(of_v, turn),
+        plus(centre, applied(turn, start)),
+        ZERO,
+        motion.velocity,
+    )
+    put_map(
+        body['map'][1],
+        product(turn, added(speed_of_r, product(rotating, of_r))),
+        product(turn, combined(speed_of_v, IDENTITY, of_v, rotating)),
+        plus(velocity, applied(turn, plus(start_speed, applied(rotating, start)))),
+        ZERO,
+        motion.velocity,
+    )
+    speed_of_goal = added(speed_of_goal, product(rotating, of_goal))
+    put_matrix(body['map'][0, 7:10], transposed(product(turn, of_goal)))
+    put_matrix(body['map'][1, 7:10], transposed(product(turn, speed_of_goal)))
+
+
+@helper
+def vector_of_pins(body: np.void, shape: np.void, q: np.ndarray, pinned: np.ndarray) -> Vector:
+    """Return the centre of the pins at rest, in units of the scale."""
+    total = ZERO
+    for k in range(body['first_pin'], body['first_pin'] + body['pins']):
+        total = plus(total, column_of(q, shape['first'] + pinned[k] - body['first']))
+    return scaled(1.0 / body['pins'], total)
+
+
+@helper
+def acceleration_field(
+    body: np.void, motion: Motion, uniform: Vector, torque: Vector, scale: float
+) -> Field:
+    """Return the acceleration of deformation, b: centrifugal, and what pins withstand."""
+    of_offset, constant = NO_MATRIX, ZERO
+    if body['mode'] != RIGID:
+        of_offset = centrifugal_field(body, motion.rate)
+    moment = axial(product(motion.gram, transposed(of_offset)))
+    if body['pins'] > 0:
+        # gravity and a wrench, of which the torque is about the centre of mass
+        offset = motion.mass_offset
+        own = combined(1.0, motion.gram, -1.0, outer(offset, offset))
+        angular = applied(inverse_about(IDENTITY, own, scale, THIN), torque)
+        constant = minus(uniform, cross(angular, offset))
+        of_offset = added(of_offset, cross_matrix(angular))
+        moment = plus(moment, plus(torque, cross(offset, uniform)))
+    angular = applied(motion.inverse, moment)
+    return Field(constant, combined(1.0, of_offset, -1.0, cross_matrix(angular)))
+
+
+@helper
+def deviations(
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    motion: Motion,
+    of_r: Matrix,
+    of_u: float,
+    of_g: float,
+    start: Vector,
+    speed_of_r: Matrix,
+    speed_of_u: float,
+    speed_of_g: float,
+    start_speed: Vector,
+    pinned: np.ndarray,
+) -> Deviations:
+    """Return the moments of p = start + P r + Q (v − V) + T g and of s, see `advance`."""
+    mean_p = mean_s = upper = lower = angular = no_vectors()
+    end, rest = body['first'] + body['count'], shape['first'] - body['first']
+    to_goal = body['first_goal'] - body['first']
+    for i in range(body['first'], end, LANES):
+        left = end - i
+        r = minus(vectors_at(x, i, left), motion.pivot)
+        u, g = minus(vectors_at(v, i, left), motion.velocity), vectors_at(q, to_goal + i, left)
+        p = along(along(plus(start, applied(of_r, r)), of_u, u), of_g, g)
+        s = along(along(plus(start_speed, applied(speed_of_r, r)), speed_of_u, u), speed_of_g, g)
+        w = weights_at(weights, rest + i, left)
+        weighted = scaled(w, p)
+        mean_p, mean_s = plus(mean_p, weighted), along(mean_s, w, s)
+        upper = along(upper, weighted[0], p)
+        lower = plus(lower, (weighted[1] * p[1], weighted[1] * p[2], weighted[2] * p[2]))
+        angular = plus(angular, cross(weighted, s))
+    mean, speed = totals(mean_p), totals(mean_s)
+    pp, pxs = symmetric(totals(upper), totals(lower)), totals(angular)
+    if body['pins'] == 0:
+        pp = combined(1.0, pp, -1.0, outer(mean, mean))
+        return Deviations(mean, speed, pp, minus(pxs, cross(mean, speed)))
+    # pinned particles stay where they are
+    for k in range(body['first_pin'], body['first_pin'] + body['pins']):
+        i = pinned[k]
+        w, g = weights[rest + i], column_of(q, to_goal + i)
+        r, u = minus(column_of(x, i), motion.pivot), minus(column_of(v, i), motion.velocity)
+        p = along(along(plus(start, applied(of_r, r)), of_u, u), of_g, g)
+        s = along(along(plus(start_speed, applied(speed_of_r, r)), speed_of_u, u), speed_of_g, g)
+        mean = along(mean, w, minus(r, p))
+        pp = combined(1.0, pp, w, combined(1.0, outer(r, r), -1.0, outer(p, p)))
+        pxs = along(pxs, -w, cross(p, s))
+    return Deviations(mean, speed, pp, pxs)
