@@ -3,12 +3,11 @@
 """Contact: distances to obstacles, restitution, both laws of friction, moving obstacles."""
 
 from core_helpers import body, centre, momentum, random_rotation, rms_displacement, sheet
-import kernels
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
+from softbody_ros.core import BodyConfig, ObstacleConfig, Surface, World, WorldConfig
 from softbody_ros.core.collision import obstacles
 
 H = 1 / 240
@@ -120,10 +119,24 @@ def test_a_capsule_shorter_than_its_radius_is_a_sphere():
 
 
 # --------------------------------------------------------------------------------- one particle
+POINT = Surface(np.zeros((1, 3)), np.zeros((0, 3), int))
+
+
 def collided(velocity, obstacle=None, position=(0.0, 0.0, -0.01), h=H, **values):
-    """Return position and velocity of a particle after its contact with an obstacle."""
-    obstacle = obstacles.placed(obstacle or ObstacleConfig())
-    return kernels.collided(BodyConfig(**values), obstacle, position, velocity, h, 1 / 120)
+    """Return position and velocity of a particle that contact keeps from getting to a position."""
+    start = np.subtract(position, h * np.array(velocity))
+    config = BodyConfig(name='point', mesh=POINT, position=tuple(start), **values)
+    world = World(
+        WorldConfig(
+            time_step=h,
+            gravity_magnitude=0.0,
+            bodies=(config,),
+            obstacles=(obstacle or ObstacleConfig(),),
+        )
+    )
+    world.set_state('point', velocities=np.array(velocity)[None])
+    world.step()
+    return world.positions('point')[0], world.velocities('point')[0]
 
 
 @pytest.mark.parametrize('elasticity', [0.0, 1.0])

@@ -42,7 +42,6 @@ from softbody_ros.core.shape_matching.gains import (
     natural_frequency,
     oscillator_response,
     put_gains,
-    put_modal_gains,
 )
 from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
 from softbody_ros.core.shape_matching.rest_shape import SHAPE, make_rest_shape
@@ -77,8 +76,7 @@ class Flights(Flying):
         ]
         super().__init__(bodies, h, gravity)
         for record, config in zip(self.state.bodies, configs, strict=True):
-            put_gains(record, config, h, reference)
-            put_modal_gains(record, config, h, reference, kappa)
+            put_gains(record, config, h, reference, kappa)
 
     def fly(self, awake=None):
         """Compute a tick of all bodies, or of some; the state stays."""
@@ -198,7 +196,7 @@ def test_no_blend_of_responses_amplifies():
     ):
         flights = body(stiffness=alpha, deformation=beta, bounciness=bounciness, elasticity=1.0)
         record = np.zeros(1, State([]).bodies.dtype)[0]
-        put_modal_gains(record, flights, h, REFERENCE)
+        put_gains(record, flights, h, REFERENCE)
         for kind, share in itertools.product(range(3), np.linspace(0.0, 1.0, 11)):
             regular, degenerate, touching = record['responses'][:, kind]
             assert (touching == regular).all()  # as elasticity is 1

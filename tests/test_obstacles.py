@@ -5,7 +5,6 @@
 import dataclasses
 
 from core_helpers import body, bytes_of, centre, momentum, random_rotation, sheet, thin_bin
-from kernels import goal_depth
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -237,25 +236,6 @@ def test_a_ball_thrown_at_the_corner_of_a_thin_bin_stays_in_it(sections, mode, h
         below_rim = x[x[:, 2] < 1.0]
         assert (below_rim @ sides[outer].T < heights[outer] + 1e-9).all()
         assert x[:, 2].min() > 0.01
-
-
-def test_goals_behind_a_thin_plate_are_as_deep_as_if_it_were_thick():
-    obstacle = obstacles.made(plate('box', 1.0))
-    for begin, end in ((0.5, -0.4), (0.012, 0.008)):
-        start, x = ((0.1, 0.2, z) for z in (begin, end))
-        for goal, depth in ((-0.3, 0.31), (-0.008, 0.018), (0.008, 0.002), (0.2, 0.0)):
-            _, found = goal_depth(obstacle, x, (0.1, 0.2, goal), start)
-            assert found == pytest.approx(depth)
-
-
-@pytest.mark.parametrize('seed', range(8))
-def test_a_goal_at_a_face_at_right_angles_is_as_deep_as_it_is_there_however_a_box_lies(seed):
-    turn = random_rotation(seed)
-    pose = Rotation.from_matrix(turn).as_quat()
-    cube = obstacles.made(ObstacleConfig(type='box', size=(1.0, 1.0, 1.0), orientation=pose))
-    contact, depth = goal_depth(cube, turn @ (0.1, 0.2, 0.9), turn @ (0.95, 0.2, 0.5))
-    assert contact['normal'] == pytest.approx(turn[:, 2])
-    assert depth == pytest.approx(0.05)
 
 
 def test_a_world_with_a_fast_plate_goes_on_bit_by_bit_after_a_restore():

@@ -17,7 +17,6 @@ from softbody_ros.core import BodyConfig, World, WorldConfig
 from softbody_ros.core.shape_matching.gains import (
     damping_ratio,
     natural_frequency,
-    oscillator_gains,
 )
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
 from softbody_ros.scene import parameters
@@ -113,13 +112,25 @@ def test_a_tick_is_match_and_move():
 
 
 @pytest.mark.parametrize('h', [1 / 60, 1 / 240, 1e-3])
-def test_the_pull_samples_a_damped_oscillator(h):
+def test_a_tick_about_goals_is_a_damped_swing_about_those_of_the_shape_ahead(h):
+    config = BodyConfig(name='ball', mode='linear', deformation=0.0, subdivisions=2,
+                        regions_count=1, regions_whole_body_weight=1.0)  # fmt: skip
+    world = World(WorldConfig(bodies=(config,), obstacles=(), time_step=h))
+    random, rest = np.random.default_rng(1), world.rest_shape('ball')
+    w, q = rest.weights, rest.surface.vertices - rest.weights @ rest.surface.vertices
+    r = q + 0.01 * random.normal(size=q.shape)
+    r, u = r - w @ r, random.normal(size=q.shape)
+    u -= w @ u
+    inertia = np.einsum('n,ni,ni->', w, r, r) * np.eye(3) - (w * r.T) @ r
+    u = u - np.cross(np.linalg.solve(inertia, w @ np.cross(r, u)), r)
+    world.set_state('ball', r, u)
+    world.step()
     omega, zeta = natural_frequency(0.5, 1 / 120), damping_ratio(0.5)
-    s, k = oscillator_gains(0.5, 0.5, h, 1 / 120)
-    tick = np.array([[1.0 - s, 1.0 - s], [-k, 1.0 - k]])  # of the distance and h · velocity
-    expected = np.exp(omega * h * (-zeta + np.sqrt(1.0 - zeta**2) * np.array([1j, -1j])))
-    np.testing.assert_allclose(sorted(np.linalg.eigvals(tick), key=np.imag),
-                               sorted(expected, key=np.imag), rtol=1e-9)  # fmt: skip
+    (a, b), _ = free_motion(omega, zeta, h)
+    ahead = r + (1.0 - a) / (omega**2 * b) * u
+    g = q @ rotation((w * ahead.T) @ q).T
+    expected = 0.5 * h**2 * world.gravity + g + a * (r - g) + b * u
+    np.testing.assert_allclose(world.positions('ball'), expected, atol=1e-12)
     assert omega / (2.0 * np.pi) == pytest.approx(13.8, abs=0.05)
     followed = natural_frequency(0.25, 1 / 120)
     assert followed / (2.0 * np.pi) == pytest.approx(9.7, abs=0.06)

@@ -16,7 +16,7 @@ from softbody_ros.core import (
     World,
     WorldConfig,
 )
-from softbody_ros.core.shape_matching import flight
+from softbody_ros.core.shape_matching import modal_flight
 
 MODES = ('rigid', 'linear', 'quadratic')
 
@@ -44,8 +44,9 @@ def test_a_body_left_alone_falls_asleep_and_does_not_move_any_more(mode):
 def test_sleepers_are_not_computed(monkeypatch):
     world = lying()
     computed = []
-    original, name = flight.predict_and_match, 'predict_and_match'
-    monkeypatch.setattr(flight, name, lambda *of: computed.append(len(of[1])) or original(*of))
+    original = modal_flight.fly
+    counted = lambda *of: computed.append(len(of[1])) or original(*of)  # noqa: E731
+    monkeypatch.setattr(modal_flight, 'fly', counted)
     world.step(10)
     assert not any(computed)
 
@@ -358,10 +359,10 @@ def many():
 
 @pytest.mark.parametrize('how', UPDATES)
 def test_what_moves_every_tick_far_from_sleepers_wakes_none_of_them(many, how, monkeypatch):
-    world, computed, fly = many(), [], flight.predict_and_match
+    world, computed, fly = many(), [], modal_flight.fly
     before = bytes_of(world)
     counted = lambda *of: computed.append(len(of[1])) or fly(*of)  # noqa: E731
-    monkeypatch.setattr(flight, 'predict_and_match', counted)
+    monkeypatch.setattr(modal_flight, 'fly', counted)
     for tick in range(60):
         UPDATES[how](world, (FAR[0], 0.1 * tick, 0.3))
         world.step()

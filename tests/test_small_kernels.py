@@ -4,16 +4,12 @@
 
 from kernels import (
     cube_roots,
-    eigen,
     least_rotation,
-    least_vector,
     orthogonal_columns,
     rotation_by_vector,
-    stop_sliding,
 )
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
@@ -82,127 +78,6 @@ def test_orthogonal_columns_have_the_singular_values_as_lengths(values, size):
     assert lengths == pytest.approx(expected, abs=1e-14 * size)
     gram = columns.swapaxes(1, 2) @ columns / size / size
     assert np.abs(gram - gram * np.eye(3)).max() < 1e-14
-
-
-# ----------------------------------------------------------------------------------- small systems
-def symmetric(values, seed):
-    q = np.linalg.qr(np.random.default_rng(seed).normal(size=(len(values),) * 2))[0]
-    result = (q * values) @ q.T
-    return (result + result.T) / 2.0
-
-
-@pytest.mark.parametrize(
-    'values',
-    [
-        (3.0, 2.0, 1.0, 0.5, -1.0, -7.0),
-        (1.0, 1.0, 1.0, 1.0, 2.0, 2.0),
-        (1.0, 1.0, 1.0, 1e-6, 1e-9, 1e-12),
-        (1e6, 1.0, 1e-6, 0.0, 0.0, 0.0),
-        (0.0,) * 6,
-        (2.0,),
-        (5.0, -5.0, 0.0),
-    ],
-)
-def test_eigenvalues_and_eigenvectors_are_those_of_lapack(values):
-    for seed in range(5):
-        matrix = symmetric(np.array(values), seed)
-        size = max(np.abs(matrix).max(), 1e-300)
-        found, vectors = eigen(matrix)
-        assert np.sort(found) == pytest.approx(np.linalg.eigvalsh(matrix), abs=1e-14 * size * 10)
-        assert vectors @ vectors.T == pytest.approx(np.eye(len(values)), abs=1e-14)
-        assert (vectors.T * found) @ vectors == pytest.approx(matrix, abs=1e-14 * size * 10)
-
-
-def test_a_diagonal_matrix_is_left_as_it_is():
-    values, vectors = eigen(np.diag([3.0, 1.0, 2.0]))
-    assert values.tolist() == [3.0, 1.0, 2.0]
-    assert np.array_equal(vectors, np.eye(3))
-
-
-def least_distance(rows, needed):
-    """Return the shortest u with rows · u ≥ needed (Lawson and Hanson 1974, chapter 23)."""
-    solution = nnls(np.vstack([rows.T, needed]), np.eye(7)[6])[0]
-    slack = 1.0 - needed @ solution
-    return rows.T @ solution / slack if slack > 1e-10 else None
-
-
-def wrenches(points, normals):
-    return np.hstack([normals, np.cross(points, normals)])
-
-
-def supports():
-    """Return named constraints: rows (k, 6), and how much of each is needed (k,)."""
-    random = np.random.default_rng(6)
-    result = {}
-    for count in (1, 2, 4, 7, 12):
-        for seed in range(3):
-            rows = random.normal(size=(count, 6))
-            rows[:, 2] = np.abs(rows[:, 2]) + 1.0  # so that they can all be met
-            needed = random.uniform(-1.0, 1.0, size=count)
-            result[f'{count} of any kind, {seed}'] = rows, needed
-    x, y = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5)))
-    under = np.stack([x, y, -np.ones_like(x)], axis=1)
-    up = np.broadcast_to([0.0, 0.0, 1.0], under.shape)
-    result['a face'] = wrenches(under, up), np.ones(25)
-    result['a tilted face'] = wrenches(under, up), 0.5 + 0.4 * x + 0.1 * y
-    result['an edge'] = wrenches(under[x > 0.9], up[x > 0.9]), np.ones(5)
-    result['the same five times'] = wrenches(under[:1], up[:1]).repeat(5, axis=0), np.ones(5)
-    wall = wrenches(under[:5] + [0.0, 0.0, 1.0], np.broadcast_to([0.0, 1.0, 0.0], (5, 3)))
-    result['one that is nearly met'] = np.eye(6)[:2], np.array([1.0, 1e-5])
-    result['a corner'] = np.vstack([wrenches(under, up), wall]), np.repeat([1.0, 0.3], [25, 5])
-    return result
-
-
-SUPPORTS = supports()
-
-
-@pytest.mark.parametrize('name', SUPPORTS)
-def test_the_least_vector_is_that_of_least_distance_programming(name):
-    rows, needed = SUPPORTS[name]
-    impulse = least_vector(rows, needed)
-    expected = least_distance(rows, needed)
-    assert expected is not None
-    assert np.all(impulse >= 0.0) and np.count_nonzero(impulse) <= 6
-    found = impulse @ rows
-    assert np.all(rows @ found >= needed - 1e-8)
-    assert found == pytest.approx(expected, abs=1e-7)
-
-
-def test_what_is_met_already_needs_no_vector():
-    rows = np.random.default_rng(7).normal(size=(8, 6))
-    assert not least_vector(rows, -np.arange(8.0)).any()
-    assert not least_vector(rows, np.full(8, 1e-3), met=2e-3).any()
-
-
-@pytest.mark.parametrize('count', [1, 2, 3, 4])
-def test_of_what_cannot_be_met_a_finite_vector_is_found(count):
-    """Wedged: rows, and minus their sum."""
-    for seed in range(5):
-        rows = np.random.default_rng(seed).normal(size=(count, 6))
-        rows = np.vstack([rows, -rows.sum(axis=0)])
-        impulse = least_vector(rows, np.ones(1 + count))
-        assert np.isfinite(impulse).all() and np.all(impulse >= 0.0)
-        assert impulse.max() < 1e6
-
-
-@pytest.mark.parametrize('count', [1, 2, 3, 10])
-@pytest.mark.parametrize('values', [(3.0, 1.0, 0.5), (1.0, 1.0, 1.0), (2.0, 2.0, 0.0)])
-def test_impulses_that_stop_sliding_are_the_least_that_leave_least_sliding(count, values):
-    """As least squares find them: of all that leave as little sliding, those of least norm."""
-    random = np.random.default_rng(count)
-    inverse = symmetric(np.array(values), seed=1)
-    normals = unit_vectors(count, 9)
-    one = np.cross(normals, [0.3, 0.5, -0.8])
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
-    tangents = np.stack([one, np.cross(normals, one)], axis=1).reshape(-1, 3)
-    points = np.repeat(random.normal(size=(count, 3)), 2, axis=0)
-    rows, sliding = wrenches(points, tangents), random.normal(size=2 * count)
-    mobility = np.zeros((6, 6))
-    mobility[:3, :3], mobility[3:, 3:] = np.eye(3), inverse
-    response = rows @ mobility @ rows.T
-    expected = np.linalg.lstsq(response, sliding, rcond=1e-11)[0]
-    found = stop_sliding(rows, inverse, sliding)
-    assert found == pytest.approx(expected, rel=1e-8, abs=1e-8 * np.abs(expected).max())
 
 
 # ------------------------------------------------------------------------------- points and boxes

@@ -10,7 +10,7 @@ import pytest
 from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
 from softbody_ros.core.geometry.vectors import put_matrix, put_vector
-from softbody_ros.core.shape_matching import flight, moments, rigid_motion
+from softbody_ros.core.shape_matching import modal_flight, moments, rigid_motion
 from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
 pytestmark = pytest.mark.skipif(not is_compiled(), reason='plain Python has no instructions')
@@ -38,17 +38,8 @@ def moments_of_tile(y, q, w, result):
 
 
 @kernel
-def products_of_tile(p, y, w, result):
-    found, mean = moments.products_of_tile(moments.Tile(0, len(w), 0), p, y, w)
-    put_matrix(result, found)
-    put_vector(result[3], mean)
-
-
-@kernel
-def write(x, v, q, t, g, p, to_x, to_v, bodies, shapes):
-    a, c, m = (0.1, 0.2, 0.3), 0.4, ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.7, 0.8, 0.9))
-    mapping = flight.ParticleMap(a, 0.5, c, a, m, 0.6, m)
-    flight.write(x, v, bodies[0], shapes[0], q, a, 0.1, mapping, t, g, p, to_x, to_v)
+def write(x, v, q, to_x, to_v, bodies, shapes):
+    modal_flight.write(x, v, bodies[0], shapes[0], q, to_x, to_v)
 
 
 @kernel
@@ -62,8 +53,7 @@ ARRAYS = {
     store_predicted: [FIELD] * 3,
     sums_of_tile: [FIELD, FIELD, (COUNT,), (5, 3)],
     moments_of_tile: [FIELD, FIELD, (COUNT,), (3, 3, 3)],
-    products_of_tile: [FIELD, FIELD, (COUNT,), (4, 3)],
-    write: [FIELD, FIELD, FIELD, (9, 3), (9, 3), FIELD, FIELD, FIELD],
+    write: [FIELD] * 5,
     add_rigid_displacement: [FIELD] * 2,
 }
 """Arguments of each."""
@@ -71,7 +61,6 @@ OPERATIONS = {
     'store_predicted': 9,
     'sums_of_tile': 36,
     'moments_of_tile': 24,
-    'products_of_tile': 24,
     'write': 156,
     'add_rigid_displacement': 12,
 }
@@ -84,6 +73,7 @@ def records():
     """Return one body and its shape."""
     bodies, shapes = np.zeros(1, BODY), np.zeros(1, SHAPE)
     bodies['count'] = shapes['count'] = COUNT
+    bodies['mode'] = 2
     return bodies, shapes
 
 

@@ -16,17 +16,14 @@ sequence of stages (step.py), each one or several kernels (compiled.py) over all
 1. shape_matching/modal_flight.py, motion without contacts: sum up moments (moments, four particles
    at a time: lanes.py), match the rest shape (eq. 7: polar_decomposition; fit and volume:
    matching; plasticity), move each kind of deformation as the oscillator that it is (gains), and
-   the body as a rigid one (rigid_motion).
+   the body as a rigid one (rigid_motion). Bodies with regions or pins: goal_flight.py, each
+   particle as an oscillator about its goal (goals.py, eq. 9, 10; regions; pins).
 2. contact/resolution.py, all contacts of bodies with obstacles, points and each other: found by
    collision/obstacle_contacts.py (shapes in collision/shapes.py, meshes in geometry/bvh.py) and
    collision/body_contacts.py (broad_phase, narrow_phase), as rows (rows.py) of one problem for
    each island (problem.py), of bodies that yield by their modes (members.py), solved (solver.py,
    newton.py) once for positions and once for velocities. The equations are in docs/contact.md.
-3. Bodies with regions or pins, and those near them, still follow laws of their own, in place of 1
-   and 2: shape_matching/flight.py (goals, regions, eq. 9, 10); contact/body_body.py, contacts
-   between bodies (manifold, body_constraints, particle_solver); contact/soft_obstacle.py and
-   contact/rigid_obstacle.py; shape_matching/pins.py, prescribed motion of pinned particles.
-4. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
+3. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
 
 What contacts exert in a tick, each stage adds to the results of contact/exchange.py, which are
 integrated over time (contact_forces.py); mean_wrenches.py has the means for readers.

@@ -8,7 +8,7 @@ Everything is compiled before a simulation starts, instead of in the midst of it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 import os
@@ -205,7 +205,7 @@ def warm_up() -> None:
     resting.step()
 
 
-def everything(subdivisions: int = 1, kinds: Sequence[dict] = BODIES) -> World:
+def everything(subdivisions: int = 1) -> World:
     """Return a world in which each kind of body touches others, and each kind of obstacle."""
     bodies: list[BodyConfig] = []
     obstacles: list[ObstacleConfig] = []
@@ -222,7 +222,7 @@ def everything(subdivisions: int = 1, kinds: Sequence[dict] = BODIES) -> World:
         for place in range(3):
             number = len(bodies)
             position = (x - 0.2 + 0.25 * (place % 2), 0.1 * place, z + 0.5 * place)
-            kind = kinds[number % len(kinds)]
+            kind = BODIES[number % len(BODIES)]
             bodies.append(_body(number, position, subdivisions, **kind))
     return World(WorldConfig(bodies=tuple(bodies), obstacles=tuple(obstacles)))
 

@@ -202,9 +202,7 @@ def _damping(body: BodyConfig, elasticity: float | None = None) -> float:
     return max(damping_ratio(bounciness), body.damping**CRITICAL_DAMPING)
 
 
-def _put_goal_gains(
-    record: np.void, body: BodyConfig, step: float, reference_step: float
-) -> None:
+def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_step: float) -> None:
     """
     Write the response of particles to their goals in one tick, see `goal_flight`.
 

@@ -17,7 +17,8 @@ E is the rotation of the free rigid body by the implicit midpoint rule; Ω' rest
 momentum; b is the centrifugal acceleration, less the angular one that it causes. The goals are
 those of the shape r + τ u with τ = Γ₁ / Γ₂: then a deformation which they follow by the share f
 turns by φ' with cos φ' = f + (1 − f) cos φ, φ = ω h, and without damping loses no energy. At the
-reference step this is the published scheme, but with velocities at the tick.
+reference step this is the published scheme, but with velocities at the tick: r + τ u is what that
+predicts.
 
 Pins. In the match, and only there, pinned particles have many times the weight of the body (see
 `pins`), so the goals are where the pins hold them. The centre is then that of the pins, and moves
@@ -55,11 +56,9 @@ from softbody_ros.core.geometry.vectors import (
     dot,
     matrix_of,
     minus,
-    norm,
     outer,
     plus,
     product,
-    put_column,
     put_matrix,
     put_vector,
     scaled,
@@ -75,7 +74,7 @@ from softbody_ros.core.lanes import (
     vectors_at,
     weights_at,
 )
-from softbody_ros.core.shape_matching.gains import REGULAR, RESIDUAL, TOUCHING
+from softbody_ros.core.shape_matching.gains import RESIDUAL
 from softbody_ros.core.shape_matching.goals import find_goal, match_regions
 from softbody_ros.core.shape_matching.matching import (
     LINEAR,
@@ -169,7 +168,7 @@ def fly_to_goals(
     h: float,
 ) -> int:
     """
-    Move bodies with regions or pins without contacts, from the half `now` of `x`, `v` to the other.
+    Move bodies without contacts about their goals, from the half `now` of `x`, `v` to the other.
 
     Parameters
     ----------
@@ -225,6 +224,8 @@ def fly_to_goals(
                 weighted_features, stretch, match_centre, match_posture, scratch,
             )  # fmt: skip
         advance(body, shape, weights, q, x0, v0, motion, posture, pinned, g, h)
+        if not is_finite(vector_of(body['map'][1, 0]), body['map'][0]):
+            return 1 + awake[index]
         write(x0, v0, body, shape, q, x[1 - now], v[1 - now])
         for row in range(body['first_match'], body['first_match'] + 1 + body['regions']):
             turn, centre = matrix_of(body['turn']), vector_of(match_centre[row])
@@ -348,9 +349,7 @@ def find_goals(
 
 
 @helper
-def look_ahead(
-    body: np.void, x: np.ndarray, v: np.ndarray, motion: Motion, q: np.ndarray
-) -> None:
+def look_ahead(body: np.void, x: np.ndarray, v: np.ndarray, motion: Motion, q: np.ndarray) -> None:
     """Write offsets r + τ u from the pivot in the place of the goals, m."""
     time = body['look_ahead'][1 if body['touches'][body['now']] > 0 else 0]
     time *= body['kept_velocity']
@@ -379,7 +378,8 @@ def match_moments(
         tile, total = Tile(start, min(start + TILE, end), rest), no_vectors()
         for i in range(tile.start, tile.stop, LANES):
             left = tile.stop - i
-            total = along(total, weights_at(weights, rest + i, left), vectors_at(y, to_y + i, left))
+            w = weights_at(weights, rest + i, left)
+            total = along(total, w, vectors_at(y, to_y + i, left))
         mean = plus(mean, totals(total))
         add_moments(tile, y, to_y, weights, y, moment)
     subtract_means(moment, shape, mean)

@@ -114,6 +114,7 @@ def summed_outer(a: np.ndarray, b: np.ndarray) -> Matrix:
         total = added(total, outer(vector_of(a[f]), vector_of(b[f])))
     return total
 
+
 @helper
 def summed_cross(a: np.ndarray, b: np.ndarray) -> Vector:
     """Return Σ_f a_f × b_f of two transforms."""
@@ -121,6 +122,7 @@ def summed_cross(a: np.ndarray, b: np.ndarray) -> Vector:
     for f in range(len(a)):
         total = plus(total, cross(vector_of(a[f]), vector_of(b[f])))
     return total
+
 
 @helper
 def scale_transform(transform: np.ndarray, factor: float) -> None:

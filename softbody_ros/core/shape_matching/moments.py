@@ -15,17 +15,12 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
-    NO_MATRIX,
     ZERO,
     Matrix,
     Vector,
-    added,
     along,
     column_of,
-    combined,
     cross,
-    minus,
-    outer,
     plus,
     scaled,
 )

@@ -1,22 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-One tick of the flight, against the formulas written down in NumPy, particle by particle.
+One tick of bodies with regions or pins, against the formulas in NumPy, particle by particle.
 
 Bodies are so small that all of it also runs as plain Python, with NUMBA_DISABLE_JIT=1.
 """
 
 import itertools
 
-from core_helpers import body, cloud, random_rotation, rank_deficient_shapes, sheet
+from core_helpers import body, cloud, random_rotation, sheet
 from flights import Flying, disturb, inertia, inverse_inertia, nearest_rotation, pebble
 from kernels import of_rest_volume
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import make_surface
-from softbody_ros.core.shape_matching import flight, moments
-from softbody_ros.core.shape_matching.gains import put_gains
+from softbody_ros.core.shape_matching import goal_flight, moments, pins
+from softbody_ros.core.shape_matching.gains import DEGENERATE, REGULAR, RESIDUAL, put_gains
 from softbody_ros.core.shape_matching.pins import make_pins
 from softbody_ros.core.shape_matching.regions import make_regions
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
@@ -46,19 +47,22 @@ class Flights(Flying):
     def fly(self, awake=None):
         """Compute a tick of all bodies, or of some; the state stays."""
         state = self.state
-        return flight.predict_and_match(
-            state.bodies, self.chosen(awake), state.shapes, state.weights, state.q, state.regions,
-            state.member, state.features, state.weighted_features, state.x, state.v,
-            state.region_goals,
-            state.stretch, state.match_centre, state.match_posture, self.gravity, self.h,
+        return goal_flight.fly_to_goals(
+            state.bodies, self.chosen(awake), state.shapes, state.weights, state.q, state.x,
+            state.v, state.stretch, state.match_centre, state.match_posture, state.regions,
+            state.member, state.features, state.weighted_features, state.pinned, self.gravity,
+            self.h,
         )  # fmt: skip
+
+    def accept(self, awake=None):
+        """Make the tick the state, with pinned particles where they are prescribed to be."""
+        state, chosen = self.state, self.chosen(awake)
+        pinned = chosen[state.bodies['pins'][chosen] > 0]
+        pins.hold(state.bodies, pinned, state.pinned, state.x, state.v, self.h)
+        super().accept(awake)
 
 
 # ------------------------------------------------------------------------ the formulas, in NumPy
-def angular_velocity(w, arms, angular_momentum):
-    return inverse_inertia(w, arms) @ angular_momentum
-
-
 def undeformed(moment, stretch):
     """Return R, or R S_p, with R the rotation nearest to A_pq S_p."""
     return nearest_rotation(moment @ stretch) @ stretch
@@ -80,152 +84,144 @@ def goals_of_regions(rest, regions, y, stretch):
 
 class Written:
     """
-    What a tick does to one body, written down.
+    What a tick does to one body, written down: `x` and `v` are the result.
 
-    Predict, match, blend, pull (eq. 7, 9–12, sections 3.3, 4.2–4.4), damp; then the rigid rotation
-    that angular momentum lacks. `x` and `v` are the result, `goals` those for velocities, of
-    particles at `y`.
+    Rigid motion, within pins; goals of the shape ahead (eq. 7, 9–12, sections 3.3, 4.2–4.4);
+    oscillators about them; the rotation of the whole; the velocity that angular momentum lacks.
     """
 
     def __init__(self, flights, index=0):
-        own, gains, h = flights.bodies[index], flights.state.bodies[index], flights.h
-        x, v, g = flights.positions(index), flights.velocities(index), flights.gravity
+        own, record, h = flights.bodies[index], flights.state.bodies[index], flights.h
+        x, v, gravity = flights.positions(index), flights.velocities(index), flights.gravity
         w, rest, regions = own.rest.weights, own.rest, own.regions
-        pinned = own.pins is not None
-        if pinned:
+        self.flights, self.w, self.scale = flights, w, rest.scale
+        held = np.zeros(0, int) if own.pins is None else own.pins.particle
+        if own.pins is not None and own.config.mode != 'rigid':
             rest, regions = own.pins.rest, own.pins.regions
-        stretch = flights.state.plastic_state(index)
-        if stretch is None:
-            stretch = np.broadcast_to(np.eye(3), (1 + int(gains['regions']), 3, 3))
+        self.stretch = flights.state.plastic_state(index)
+        if self.stretch is None:
+            self.stretch = np.broadcast_to(np.eye(3), (1 + int(record['regions']), 3, 3))
+        stiffness = record['stiffnesses'][0]
 
-        self.y = y = x + h * v + h * h / 2 * g
-        self.stretch = stretch[0]
-        (s, k), beta, conserved = gains['pull'], gains['deformation'], gains['volume_conservation']
-        b, share = gains['kept_velocity'], gains['whole_body_weight'] if gains['regions'] else 1.0
-        self.match(own.config, rest, y)
-        places = 0.0 if regions is None else goals_of_regions(rest, regions, y, stretch[1:])
-        goal_x, self.goals = (
-            share * self.goal(rest, beta[i], conserved[i]) + (1.0 - share) * places
-            for i in range(2)
-        )
+        # the motion of the pins, or of the centre of mass, and rotation about what it allows
+        pivot, velocity, carried, self.axes = w @ x, w @ v, np.zeros(3), np.eye(3)
+        if len(held):
+            pivot, velocity = x[held].mean(axis=0), np.array(own.config.pins_velocity_linear)
+            _, spread, axes = np.linalg.svd(x[held] - pivot)
+            rank = int(np.sum(spread > 1e-6))
+            self.axes = (axes[:1], np.zeros((0, 3)))[rank - 1] if rank else np.eye(3)
+            if rank:
+                carried = np.array(own.config.pins_velocity_angular)
+        r, free = x - pivot, v - velocity
+        spin = w @ np.cross(r, free - np.cross(carried, r))
+        rate = carried + self.inverse(r) @ spin
+        u = record['kept_velocity'] * (free - np.cross(rate, r))
 
-        self.x = y + s * (goal_x - y)
-        velocity, arms = w @ v, y - w @ y
-        spin = w @ np.cross(arms, v)
-        rigid = velocity + np.cross(angular_velocity(w, arms, spin), arms)
-        if own.config.mode == 'rigid':
-            self.v = np.broadcast_to(velocity, v.shape) + h * g
-        else:
-            self.v = rigid + b * (v - rigid) + h * g + k * (self.goals - y)
-        if not pinned:
-            arms = self.x - w @ self.x
-            lacking = spin - w @ np.cross(arms, self.v)
-            self.v = self.v + np.cross(angular_velocity(w, arms, lacking), arms)
+        # what deforms: the centrifugal acceleration, and what pins withstand
+        size = rate @ rate
+        b = min(1.0, 0.5 * stiffness / max(size, 1e-300)) * (size * r - np.outer(r @ rate, rate))
+        b = b + gravity * bool(len(held))
+        b = b - np.cross(self.inverse(r) @ (w @ np.cross(r, b)), r)
 
-    def match(self, config, rest, y):
-        self.centre = rest.weights @ y
-        p, root = y - self.centre, np.sqrt(rest.weights)[:, None]
-        self.undeformed = undeformed((p * root**2).T @ rest.q.T, self.stretch)
-        if config.mode != 'rigid':
-            f = rest.features[1:4] if config.mode == 'linear' else rest.features[1:]
-            self.fit = np.linalg.lstsq(root * f.T, root * p, rcond=1e-9)[0].T / rest.scale
+        a, b_u, c, d, given, given_v, _ = record['responses'][REGULAR, RESIDUAL]
+        goal = self.goals(own.config, record, rest, regions, r + record['look_ahead'][0] * u)
+        p = goal + a * (r - goal) + b_u * u + given * b
+        s = c * (r - goal) + d * u + given_v * b
+        p[held], s[held] = r[held], 0.0
+        if not len(held):
+            p, s = p - w @ p, s - w @ s
 
-    def goal(self, rest, beta, conserved):
-        transform = np.zeros((3, 9))
-        transform[:, :3] = (1.0 - beta) * self.undeformed
-        if beta:
-            kept = self.fit
-            if conserved:
-                kept = of_rest_volume(self.fit[None], rest)[0][0]
-            transform[:, : kept.shape[1]] += beta * (self.fit + conserved * (kept - self.fit))
-        return self.centre + rest.scale * (transform @ rest.features[1:]).T
+        # the rotation of the free rigid body, by the midpoint rule
+        middle = self.inverse(r, p)
+        omega = middle @ spin
+        for _ in range(60):
+            half = exponential(h / 2 * omega)
+            torque = np.cross(half @ (w @ (r + p) / 2), gravity) if len(held) else np.zeros(3)
+            omega = half @ middle @ half.T @ (spin + h / 2 * torque)
+        turn = exponential(h * omega)
+        spin = turn.T @ (spin + h * torque)
+        after = self.inverse(p, cut=1e-12) @ (spin - w @ np.cross(p, s))
+        carry = exponential(h * carried)
+        turn = carry @ turn
+        rate = carried + turn @ after
+        arms = p @ turn.T
+        acceleration = np.zeros(3) if len(held) else gravity
+        self.x = pivot + h * velocity + h**2 / 2 * acceleration + arms
+        self.v = velocity + h * acceleration + s @ turn.T + np.cross(rate, arms)
+
+    def inverse(self, one, two=None, cut=goal_flight.THIN):
+        """Return the inverse inertia about the allowed axes, of the mean of two shapes."""
+        both = [inertia(self.w, each) for each in (one, one if two is None else two)]
+        mean = self.axes @ (both[0] + both[1]) @ self.axes.T / 2
+        values, vectors = np.linalg.eigh(mean) if len(mean) else (np.zeros(0), np.zeros((0, 0)))
+        inverses = np.where(values > cut * self.scale**2, 1.0 / np.maximum(values, 1e-300), 0.0)
+        return self.axes.T @ (vectors * inverses) @ vectors.T @ self.axes
+
+    def goals(self, config, record, rest, regions, y):
+        """Return the goals (n, 3) of a shape."""
+        share = record['whole_body_weight'] if record['regions'] else 1.0
+        whole = share * self.goal(config, rest, y, record)
+        if regions is None:
+            return whole
+        return whole + (1.0 - share) * goals_of_regions(rest, regions, y, self.stretch[1:])
+
+    def goal(self, config, rest, y, record):
+        centre, beta, conserved = rest.weights @ y, record['deformation'], 0.0
+        p, root = y - centre, np.sqrt(rest.weights)[:, None]
+        f = rest.features[1:4] if config.mode == 'linear' else rest.features[1:]
+        fit = np.linalg.lstsq(root * f.T, root * p, rcond=1e-9)[0].T / rest.scale
+        transform, conserved = np.zeros((3, 9)), record['volume_conservation']
+        moment = (p * root**2).T @ rest.q.T
+        transform[:, :3] = (1.0 - beta) * undeformed(moment, self.stretch[0])
+        kept = of_rest_volume(fit[None], rest)[0][0] if conserved else fit
+        transform[:, : kept.shape[1]] += beta * (fit + conserved * (kept - fit))
+        return centre + rest.scale * (transform @ rest.features[1:]).T
 
 
-def assert_as_written(flights, index=0, tolerance=EXACT):
+def exponential(a):
+    return Rotation.from_rotvec(a).as_matrix()
+
+
+def assert_as_written(flights, index=0, tolerance=1e-12):
     """Compute a tick of one body, which must be the one written down."""
     written, record = Written(flights, index), flights.state.bodies[index]
-    rest = flights.bodies[index].rest
-    record['received'], record['load'] = 1.0, 1.0  # of the tick before
-    assert flights.fly() == 0
+    rest, own = flights.bodies[index].rest, np.array([index])
+    record['received'] = 1.0  # of the tick before
+    assert flights.fly(own) == 0
     assert record['degeneracy'] == 0.0
-    flights.state.fill_goals(np.array([index]))
-    goals = flights.state.goals[:, flights.state.columns(index)].T
-    flights.accept(np.array([index]))
+    goals = flights.state.q[:, record['first_goal'] : record['first_goal'] + record['count']]
+    assert np.isfinite(goals).all()
+    flights.accept(own)
     x, v = flights.positions(index), flights.velocities(index)
     size, speed = np.abs(written.x).max(), np.abs(written.v).max()
     assert np.abs(x - written.x).max() < tolerance * size
     assert np.abs(v - written.v).max() < tolerance * (speed + size / flights.h)
-    assert np.abs(goals - written.goals).max() < tolerance * size
-
-    arms = x - rest.weights @ x
-    assert record['centre'] == pytest.approx(rest.weights @ x, abs=EXACT * size)
-    assert record['velocity'] == pytest.approx(rest.weights @ v, abs=EXACT * speed)
-    spin = rest.weights @ np.cross(arms, v)
-    assert record['angular_momentum'] == pytest.approx(spin, abs=tolerance * size * speed)
-    expected = np.linalg.pinv(inertia(rest.weights, arms), rcond=1e-12, hermitian=True)
-    error = np.abs(record['inverse_inertia'] - expected).max()
-    assert error < 10 * tolerance * np.abs(expected).max()
-    assert not record['received'].any() and not record['load'].any()
-
-
-# ---------------------------------------------------------------------------- the published scheme
-@pytest.mark.parametrize('beta', [0.0, 0.5, 0.9])
-@pytest.mark.parametrize('mode', SOFT)
-def test_a_tick_is_the_published_scheme(mode, beta):
-    """Eq. 7 and 9–12 in their own terms: moments, inverses, the goal g, and v += α (g − x) / h."""
-    values = {'stiffness': 0.4, 'bounciness': 1.0, 'volume_conservation': 0.0}
-    flights = Flights(
-        body(pebble(), mode=mode, deformation=beta, **values), h=REFERENCE, gravity=GRAVITY
-    )
-    disturb(flights, seed=3)
-    h, w, surface = REFERENCE, flights.bodies[0].rest.weights, pebble()
-    x, v = flights.positions(), flights.velocities()
-    x = x + h * (v + h / 2 * GRAVITY)  # half of the gravity before, half after: a parabola
-
-    q, p = surface.vertices - w @ surface.vertices, x - w @ x
-    A_pq, A_qq = (w[:, None] * p).T @ q, np.linalg.inv((w[:, None] * q).T @ q)
-    R, A = nearest_rotation(A_pq), A_pq @ A_qq
-    goal = q @ (beta * A + (1 - beta) * R).T
-    if mode == 'quadratic':
-        a, b, c = q.T
-        products = np.stack([a * a, b * b, c * c, a * b, b * c, c * a], axis=1)
-        # about their mean: the published features move the centre of mass
-        q = np.hstack([q, products - w @ products])
-        A = (w[:, None] * p).T @ q @ np.linalg.inv((w[:, None] * q).T @ q)
-        goal = q @ (beta * A + (1 - beta) * np.hstack([R, np.zeros((3, 6))])).T
-    v = v + 0.4 * (goal + w @ x - x) / h + h * GRAVITY
-
-    flights.step()
-    assert flights.positions() == pytest.approx(x, abs=EXACT)
-    assert flights.velocities() == pytest.approx(v, abs=1e3 * EXACT)
-
-
-def test_a_rigid_tick_goes_to_the_goal_of_the_published_scheme():
-    flights = Flights(body(pebble(), mode='rigid'), gravity=GRAVITY)
-    disturb(flights, seed=4)
-    h, w, surface = flights.h, flights.bodies[0].rest.weights, pebble()
-    x = flights.positions() + h * flights.velocities() + h * h / 2 * GRAVITY
-    q = surface.vertices - w @ surface.vertices
-    R = nearest_rotation((w[:, None] * (x - w @ x)).T @ q)
-    flights.step()
-    assert flights.positions() == pytest.approx(q @ R.T + w @ x, abs=EXACT)
-    v = flights.velocities() - w @ flights.velocities()
-    gap = np.einsum('ni,ni->n', v, flights.positions() - w @ flights.positions())
-    assert np.abs(gap).max() < EXACT
+    assert not record['received'].any()
+    if not record['pins']:
+        arms = x - rest.weights @ x
+        assert record['centre'] == pytest.approx(rest.weights @ x, abs=tolerance * size)
+        assert record['velocity'] == pytest.approx(rest.weights @ v, abs=tolerance * speed)
+        spin = rest.weights @ np.cross(arms, v)
+        assert record['angular_momentum'] == pytest.approx(spin, abs=tolerance * size * speed)
 
 
 # --------------------------------------------------------------------------- any tick, as written
 CASES = {
-    'soft': {},
-    'damped': {'damping': 0.3, 'volume_conservation': 0.0},
-    'follows': {'deformation': 0.9, 'volume_conservation': 0.6, 'bounciness': 0.1},
-    'stiff': {'stiffness': 1.0, 'deformation': 0.0, 'bounciness': 0.9},
-    'free': {'stiffness': 0.0},
     'regions': {'regions_count': 5, 'damping': 0.2, 'regions_whole_body_weight': 0.4},
     'only regions': {'regions_count': 12, 'regions_whole_body_weight': 0.0},
+    'one region': {'regions_count': 1, 'regions_whole_body_weight': 1.0, 'damping': 0.3},
+    'follows': {'regions_count': 4, 'deformation': 0.9, 'volume_conservation': 0.6},
+    'stiff': {'regions_count': 4, 'stiffness': 1.0, 'deformation': 0.0, 'bounciness': 0.9},
+    'free': {'regions_count': 4, 'stiffness': 0.0},
     'pinned': {'pins_indices': (3, 4, 17), 'damping': 0.1},
-    'pinned regions': {'pins_indices': (5,), 'regions_count': 6},
-}
+    'two pins': {'pins_indices': (3, 17)},
+    'one pin and regions': {'pins_indices': (5,), 'regions_count': 6},
+    'moved': {
+        'pins_indices': (3, 4, 17), 'regions_count': 3, 'pins_velocity_linear': (0.5, -0.2, 0.1),
+        'pins_velocity_angular': (1.0, -2.0, 0.5),
+    },
+    'moved axis': {'pins_indices': (3, 17), 'pins_velocity_angular': (1.0, -2.0, 0.5)},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize('case', CASES)
@@ -234,23 +230,7 @@ def test_a_tick_is_what_the_formulas_say(mode, case):
     flights = Flights(body(pebble(), mode=mode, **CASES[case]), gravity=GRAVITY)
     disturb(flights, seed=7, shape=0.05)
     # pins weigh a hundred times the body: what they do not hold is known less exactly
-    assert_as_written(flights, tolerance=EXACT if 'pin' not in case else 1e-11)
-
-
-@pytest.mark.parametrize('values', [{}, {'regions_count': 5}, {'damping': 0.5}])
-def test_a_rigid_tick_is_what_the_formulas_say(values):
-    flights = Flights(body(pebble(), mode='rigid', **values), gravity=GRAVITY)
-    disturb(flights, seed=8, shape=0.1)
-    assert_as_written(flights)
-
-
-@pytest.mark.parametrize('name', rank_deficient_shapes())
-@pytest.mark.parametrize('mode', SOFT)
-def test_shapes_that_span_little_do_what_the_formulas_say(mode, name):
-    surface = rank_deficient_shapes()[name]
-    flights = Flights(body(surface, mode=mode, volume_conservation=0.0), gravity=GRAVITY)
-    disturb(flights, seed=9, shape=0.05)
-    assert_as_written(flights, tolerance=1e-11)
+    assert_as_written(flights, tolerance=1e-12 if 'pin' not in case else 1e-10)
 
 
 @pytest.mark.parametrize('mode', SOFT)
@@ -262,7 +242,7 @@ def test_a_body_of_several_tiles_does_what_the_formulas_say(mode):
     assert_as_written(flights)
 
 
-@pytest.mark.parametrize('count', [0, 4])
+@pytest.mark.parametrize('count', [1, 4])
 @pytest.mark.parametrize('mode', SOFT)
 def test_a_dented_body_does_what_the_formulas_say(mode, count):
     flights = Flights(body(pebble(), mode=mode, regions_count=count), gravity=GRAVITY)
@@ -280,7 +260,8 @@ def test_a_dented_body_does_what_the_formulas_say(mode, count):
 
 
 def test_a_body_that_no_goal_can_follow_is_led_back_by_its_rest_shape():
-    flights = Flights(body(pebble(), mode='quadratic'))
+    flights = Flights(body(pebble(), mode='quadratic', regions_count=1,
+                           regions_whole_body_weight=1.0))  # fmt: skip
     rest, record = flights.bodies[0].rest, flights.state.bodies[0]
     x = (random_rotation(1) @ np.diag([1.0, 1.0, 0.02]) @ (rest.scale * rest.q)).T
     flights.put(x, np.zeros_like(x))
@@ -289,22 +270,38 @@ def test_a_body_that_no_goal_can_follow_is_led_back_by_its_rest_shape():
     moment = (rest.weights[:, None] * x).T @ rest.q.T
     goal = rest.scale * rest.q.T @ nearest_rotation(moment).T
     flights.step()
-    s = record['critical_pull'][0]
-    assert s > record['pull'][0]
-    assert flights.positions() == pytest.approx(x + s * (goal - x), abs=EXACT)
+    kept = record['responses'][DEGENERATE, RESIDUAL, 0]
+    assert kept != record['responses'][REGULAR, RESIDUAL, 0]
+    assert flights.positions() == pytest.approx(goal + kept * (x - goal), abs=EXACT)
 
 
 # -------------------------------------------------------------------------------- plastic flow
+def shape_ahead(flights):
+    """Return the offsets (n, 3) that are matched."""
+    x, v, w = flights.positions(), flights.velocities(), flights.bodies[0].rest.weights
+    r, u = x - w @ x, v - w @ v
+    u = u - np.cross(inverse_inertia(w, r) @ (w @ np.cross(r, u)), r)
+    return r + flights.state.bodies[0]['look_ahead'][0] * u
+
+
+def fit_of_whole(flights, mode):
+    """Return the fit (3, F) of the shape that is matched."""
+    rest, y = flights.bodies[0].rest, shape_ahead(flights)
+    root = np.sqrt(rest.weights)[:, None]
+    f = rest.features[1:4] if mode == 'linear' else rest.features[1:]
+    return np.linalg.lstsq(root * f.T, root * y, rcond=1e-9)[0].T / rest.scale
+
+
 @pytest.mark.parametrize('mode', SOFT)
 def test_what_flows_is_a_share_of_the_strain_without_its_volume(mode):
     """S_p becomes [I + c (S − I)] S_p, of which the rotation and the volume are taken away."""
     values = {'plasticity_yield': 0.01, 'plasticity_creep': 30.0, 'plasticity_max': 0.9}
-    flights = Flights(body(pebble(), mode=mode, **values))
+    flights = Flights(body(pebble(), mode=mode, regions_count=1, **values))
     disturb(flights, seed=12, shape=0.1)
     stretch = np.eye(3)
     share = 1.0 - np.exp(-30.0 * flights.h)
     for _ in range(3):
-        elastic = Written(flights).fit[:, :3] @ np.linalg.inv(stretch)
+        elastic = fit_of_whole(flights, mode)[:, :3] @ np.linalg.inv(stretch)
         _, sizes, axes = np.linalg.svd(elastic)
         grown = (axes.T * (1.0 + share * (sizes - 1.0))) @ axes @ stretch
         _, sizes, axes = np.linalg.svd(grown)
@@ -315,7 +312,7 @@ def test_what_flows_is_a_share_of_the_strain_without_its_volume(mode):
 
 
 def test_what_flows_counts_from_the_next_tick_and_not_if_the_tick_fails():
-    values = {'plasticity_yield': 0.01, 'plasticity_creep': 30.0}
+    values = {'plasticity_yield': 0.01, 'plasticity_creep': 30.0, 'regions_count': 3}
     flowing = body(pebble(), **values)
     flights = Flights(flowing, flowing)
     for index in range(2):
@@ -331,16 +328,16 @@ def test_what_flows_counts_from_the_next_tick_and_not_if_the_tick_fails():
 @pytest.mark.parametrize(
     'values',
     [
-        {},
+        {'regions_count': 1},
         {'regions_count': 7},
-        {'damping': 0.3},
+        {'regions_count': 2, 'damping': 0.3},
         {'regions_count': 5, 'damping': 1.0, 'regions_whole_body_weight': 0.0},
-        {'plasticity_yield': 0.0, 'plasticity_creep': 50.0},
+        {'regions_count': 1, 'plasticity_yield': 0.0, 'plasticity_creep': 50.0},
         {'plasticity_yield': 0.0, 'plasticity_creep': 50.0, 'regions_count': 5},
-        {'deformation': 1.0, 'stiffness': 1.0, 'bounciness': 0.0},
+        {'regions_count': 3, 'deformation': 1.0, 'stiffness': 1.0, 'bounciness': 0.0},
     ],
 )
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('mode', SOFT)
 def test_each_tick_keeps_momentum_and_angular_momentum(mode, values):
     flights = Flights(body(pebble(), mode=mode, **values))
     disturb(flights, seed=20, speed=3.0)
@@ -352,8 +349,8 @@ def test_each_tick_keeps_momentum_and_angular_momentum(mode, values):
 
 
 @pytest.mark.parametrize('in_body_axes', [False, True])
-@pytest.mark.parametrize('count', [0, 5])
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('count', [1, 5])
+@pytest.mark.parametrize('mode', SOFT)
 def test_a_wrench_gives_its_impulse_and_its_moment_in_a_tick(mode, count, in_body_axes):
     flights = Flights(body(pebble(), mode=mode, regions_count=count), gravity=GRAVITY)
     disturb(flights, seed=21, speed=2.0)
@@ -363,18 +360,18 @@ def test_a_wrench_gives_its_impulse_and_its_moment_in_a_tick(mode, count, in_bod
     record['has_wrench'], record['wrench'][int(in_body_axes)] = True, (force, torque)
     for _ in range(3):
         linear, spin = flights.momenta()
-        if in_body_axes:
-            # its axes are those of the middle of the tick
-            middle = flights.positions() + h / 2 * flights.velocities()
-            arms = rest.weights[:, None] * (middle - rest.weights @ middle)
-            rotation = nearest_rotation(arms.T @ rest.q.T)
-        else:
-            rotation = np.eye(3)
+        arms = rest.weights[:, None] * shape_ahead(flights)
+        posture = nearest_rotation(arms.T @ rest.q.T)
         flights.step()
+        rotation = np.eye(3)
+        if in_body_axes:
+            # as they are at the middle of the tick
+            half = Rotation.from_matrix(record['turn']).as_rotvec() / 2
+            rotation = exponential(half) @ posture
         after = flights.momenta()
-        expected = linear + h * (rotation @ force + GRAVITY), spin + h * rotation @ torque
-        for now, wanted in zip(after, expected, strict=True):
-            assert np.linalg.norm(now - wanted) < EXACT * np.linalg.norm(wanted)
+        assert after[0] == pytest.approx(linear + h * (rotation @ force + GRAVITY), rel=1e-12)
+        tolerance = 1e-5 if in_body_axes else 1e-12
+        assert after[1] == pytest.approx(spin + h * rotation @ torque, rel=tolerance)
 
 
 def rigid_state(rest, seed):
@@ -384,7 +381,7 @@ def rigid_state(rest, seed):
     return x + random.normal(size=3), np.cross(random.normal(size=3), x) + random.normal(size=3)
 
 
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('mode', SOFT)
 def test_free_fall_is_a_parabola_and_deforms_nothing(mode):
     flights = Flights(body(pebble(), mode=mode, regions_count=4), gravity=GRAVITY, h=1 / 30)
     rest = flights.bodies[0].rest
@@ -398,19 +395,19 @@ def test_free_fall_is_a_parabola_and_deforms_nothing(mode):
 
 
 # ------------------------------------------------------------------------------ degenerate shapes
-DEGENERATE = {
+FLAT = {
     'sheet': sheet(),
     'rod': cloud(np.linspace((-0.5, 0.0, 0.2), (0.5, 0.3, 0.4), 9)),
     'two points': cloud([(0.0, 0.0, 0.0), (1.0, 0.5, 0.0)]),
 }
 
 
-@pytest.mark.parametrize('count', [0, 'one each'])
-@pytest.mark.parametrize('name', DEGENERATE)
-@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('count', [1, 'one each'])
+@pytest.mark.parametrize('name', FLAT)
+@pytest.mark.parametrize('mode', SOFT)
 def test_degenerate_shapes_at_rest_stay_and_moving_ones_keep_their_momentum(mode, name, count):
-    surface = DEGENERATE[name]
-    regions = len(surface.vertices) if count else 0
+    surface = FLAT[name]
+    regions = len(surface.vertices) if count == 'one each' else count
     values = {'mode': mode, 'regions_count': regions, 'plasticity_creep': 10.0}
     flights = Flights(body(surface, **values), body(surface, **values))
     x, v = rigid_state(flights.bodies[0].rest, seed=2)
@@ -428,8 +425,9 @@ def test_degenerate_shapes_at_rest_stay_and_moving_ones_keep_their_momentum(mode
 # ------------------------------------------------------------------------------------- the arrays
 def several():
     """Return bodies of all kinds side by side."""
-    values = [{'mode': mode} for mode in MODES]
-    values += [{'regions_count': 5}, {'pins_indices': (1, 2, 3)}, {'plasticity_creep': 9.0}]
+    values = [{'mode': mode, 'pins_indices': (1, 2)} for mode in MODES]
+    values += [{'regions_count': 5}, {'pins_indices': (1, 2, 3)}]
+    values += [{'regions_count': 2, 'plasticity_creep': 9.0}]
     flights = Flights(*[body(pebble(), **each) for each in values], gravity=GRAVITY)
     for index in range(len(values)):
         disturb(flights, index, seed=index)
@@ -473,8 +471,13 @@ def test_a_tick_writes_the_other_half_of_those_that_are_awake_and_nothing_else()
     assert all(map(np.array_equal, other_after, halves(flights.state)[1]))
 
 
-@pytest.mark.parametrize('values', [{}, {'pins_indices': (0,)}, {'regions_count': 3}])
-@pytest.mark.parametrize('mode', MODES)
+VALUES = {'pins_indices': (0,)}, {'regions_count': 3}
+
+
+@pytest.mark.parametrize(
+    ('mode', 'values'),
+    [('rigid', {'pins_indices': (0,)}), *itertools.product(SOFT, VALUES)],
+)
 def test_numbers_that_are_not_finite_are_refused(mode, values):
     for field, bad in itertools.product('xv', (np.nan, np.inf, -1e300)):
         flights = Flights(*[body(pebble(), mode=mode, **values)] * 3)
@@ -492,7 +495,7 @@ def test_numbers_that_are_not_finite_are_refused(mode, values):
 
 
 def test_a_wrench_that_is_not_finite_is_refused():
-    flights = Flights(body(pebble()))
+    flights = Flights(body(pebble(), regions_count=2))
     disturb(flights)
     flights.state.bodies['has_wrench'], flights.state.bodies['wrench'][0, 0, 1, 0] = True, np.inf
     now = halves(flights.state)[0]
