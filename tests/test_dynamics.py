@@ -152,11 +152,11 @@ def motion_about_goals(config, h, followed, state=REGULAR):
     """Return the matrix of a tick of a deformation of which goals follow the share f, (2, 2)."""
     record = np.zeros((), BODY)
     put_gains(record, config, h, REFERENCE)
-    a, b, c, d = record['responses'][state, RESIDUAL, :4]
-    ahead = record['look_ahead'][1 if state == TOUCHING else 0]
+    a, b, c, d, _, _, kept = record['responses'][state, RESIDUAL]
+    ahead, kept = record['look_ahead'][state], kept + (1.0 - kept) * followed
     # y = g + a (y − g) + b u and u = c (y − g) + d u with g = f (y + τ u)
-    position = np.array([followed + a * (1.0 - followed), b + followed * ahead * (1.0 - a)])
-    velocity = np.array([c * (1.0 - followed), d - followed * ahead * c])
+    position = [followed + a * (1.0 - followed), kept * b + followed * ahead * (1.0 - a)]
+    velocity = [c * (1.0 - followed), kept * d - followed * ahead * c]
     return np.stack([position, velocity]) * [1.0, record['kept_velocity']]
 
 

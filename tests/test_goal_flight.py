@@ -123,8 +123,12 @@ class Written:
         b = b + gravity * bool(len(held))
         b = b - np.cross(self.inverse(r) @ (w @ np.cross(r, b)), r)
 
-        a, b_u, c, d, given, given_v, _ = record['responses'][REGULAR, RESIDUAL]
-        goal = self.goals(own.config, record, rest, regions, r + record['look_ahead'][0] * u)
+        a, b_u, c, d, given, given_v, kept = record['responses'][REGULAR, RESIDUAL]
+        ahead = record['look_ahead'][REGULAR]
+        goal = self.goals(own.config, record, rest, regions, r + ahead * u)
+        if kept < 1.0:
+            before = self.goals(own.config, record, rest, regions, r)
+            u = kept * u + (1.0 - kept) * (goal - before) / ahead
         p = goal + a * (r - goal) + b_u * u + given * b
         s = c * (r - goal) + d * u + given_v * b
         p[held], s[held] = r[held], 0.0

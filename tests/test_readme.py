@@ -126,10 +126,19 @@ def test_a_tick_about_goals_is_a_damped_swing_about_those_of_the_shape_ahead(h):
     world.set_state('ball', r, u)
     world.step()
     omega, zeta = natural_frequency(0.5, 1 / 120), damping_ratio(0.5)
-    (a, b), _ = free_motion(omega, zeta, h)
-    ahead = r + (1.0 - a) / (omega**2 * b) * u
-    g = q @ rotation((w * ahead.T) @ q).T
-    expected = 0.5 * h**2 * world.gravity + g + a * (r - g) + b * u
+    kept = np.exp(-2.0 * zeta * omega * h)
+    phase = np.arccos(np.cos(np.sqrt(1.0 - zeta**2) * omega * h) / np.cosh(zeta * omega * h))
+    tau = np.tan(phase / 2.0) / omega
+    g0, g = (q @ rotation((w * (r + time * u).T) @ q).T for time in (0.0, tau))
+    u = kept * u + (1.0 - kept) * (g - g0) / tau
+    expected = 0.5 * h**2 * world.gravity
+    expected = expected + g + np.cos(phase) * (r - g) + np.sin(phase) / omega * u
+    decay = np.array([[np.cos(phase), np.sin(phase) * kept / omega],
+                      [-omega * np.sin(phase), np.cos(phase) * kept]])  # fmt: skip
+    eigenvalues = np.linalg.eigvals(decay)
+    frequency = np.sqrt(1.0 - zeta**2) * omega
+    exact = np.exp((-zeta * omega + 1j * frequency * np.array([1, -1])) * h)
+    np.testing.assert_allclose(sorted(eigenvalues, key=np.imag), sorted(exact, key=np.imag))
     np.testing.assert_allclose(world.positions('ball'), expected, atol=1e-12)
     assert omega / (2.0 * np.pi) == pytest.approx(13.8, abs=0.05)
     followed = natural_frequency(0.25, 1 / 120)

@@ -47,7 +47,7 @@ BODY = np.dtype(
         ('mode', np.int64),
         ('deformation', np.float64),
         ('volume_conservation', np.float64),
-        ('look_ahead', np.float64, (2,)),  # to the match, if free and if in contact, s
+        ('look_ahead', np.float64, (3,)),  # to the match, in the states of `responses`, s
         ('kept_velocity', np.float64),
         ('yield_strain', np.float64),
         ('creep', np.float64),

@@ -198,8 +198,9 @@ class State:
         and its arrays: shapes, weights, regions, member, features, weighted_features,
         first_corner, corners
     q : (3, M + G) float
-        that of the table, then goals of particles of bodies with regions or pins, from their
-        `first_goal` on: in the map of a flight they take the place of the features
+        that of the table, then, from `first_goal` of a body with regions or pins on, the goals of
+        its particles, and the velocities of these: in the map of its flight they take the place
+        of the features
     x, v : (2, 3, N) float
         positions, m, and velocities, m/s, double-buffered: `now` of a body is the present half
     stretch : (2, S, 3, 3) float
@@ -276,7 +277,7 @@ class State:
                 first_pin += len(body.pins.particle)
             if body.pins is not None or body.regions is not None:
                 record['first_goal'] = columns
-                columns += record['count']
+                columns += 2 * record['count']
         self.pinned = np.concatenate(pinned)
         self.is_pinned = np.zeros(self.x.shape[2], np.bool_)
         self.is_pinned[self.pinned] = True

@@ -521,7 +521,7 @@ def change_map(body: np.void, shape: np.void, member: np.void) -> None:
     old_rate = vector_of(member['angular_velocity'])
     centre, velocity = vector_of(member['centre']), vector_of(body['velocity'])
     base, end = end_base(member), end_centre(member)
-    columns = 3 if body['follows_goals'] else member['features']
+    columns = 6 if body['follows_goals'] else member['features']
     for row in range(7 + columns):
         to_x, to_v = vector_of(flight[row]), vector_of(drift[row])
         if row == 0:

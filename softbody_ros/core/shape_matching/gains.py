@@ -206,11 +206,10 @@ def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_st
     """
     Write the response of particles to their goals in one tick, see `goal_flight`.
 
-    All have the frequency ω of α_s about goals that are constant in the tick. With the goals at
-    positions that are y + τ u, τ = Γ₁ / Γ₂, a deformation of which the goals follow the share f
-    moves as cos φ' = f + (1 − f) cos φ, φ = ω h: at the reference step that is the published
-    scheme. For others, f = β is replaced such that the frequency is the same. `stiffnesses` are
-    those at the reference step.
+    A deformation of which goals follow the share f turns by φ' with cos φ' = f + (1 − f) cos φ in
+    a tick, φ = ω h, undamped; f = β of the whole body is replaced such that its frequency is the
+    same at any step. `responses` have, in place of Γ₃, the share of the velocity relative to the
+    goals that damping leaves. `stiffnesses` are those at the reference step.
     """
     alpha, beta = body.stiffness, body.deformation
     omega = natural_frequency(alpha, reference_step)
@@ -224,18 +223,52 @@ def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_st
         if beta_at > 0.0:
             kept = (1.0 - _share_of(breathing * step, phase)) / beta_at
             record['volume_conservation'] = 1.0 - kept
-    regular, degenerate, touching = record['responses']
     # what turns by more than a right angle in a tick cannot swing with its goal
     least = LEAST_RESIDUAL_DAMPING * min(max(2.0 * phase / math.pi - 1.0, 0.0), 1.0)
-    for place, (responses, zeta) in enumerate(
-        ((regular, _damping(body, 1.0)), (touching, _damping(body)))
-    ):
-        responses[RESIDUAL] = response = oscillator_response(omega, max(zeta, least), step)
-        if phase <= math.pi / 2.0:
-            record['look_ahead'][place] = response[4] / response[5]
-        elif phase < math.pi:
-            record['look_ahead'][place] = math.sin(phase) / omega
-    degenerate[RESIDUAL] = oscillator_response(omega, 1.0, step)
+    ratios = (_damping(body, 1.0), 1.0, _damping(body))
+    for state, zeta in zip((REGULAR, DEGENERATE, TOUCHING), ratios, strict=True):
+        zeta = max(zeta, least)
+        # of the damped oscillator, by a turn after a loss of velocity
+        cosine = math.cos(math.sqrt(1.0 - zeta * zeta) * phase) / math.cosh(zeta * phase)
+        record['responses'][state, RESIDUAL], ahead = turn_about_goal(
+            omega, math.acos(min(cosine, 1.0)), math.exp(-2.0 * zeta * phase), step
+        )
+        record['look_ahead'][state] = ahead
+
+
+def turn_about_goal(
+    omega: float, angle: float, kept: float, step: float
+) -> tuple[tuple[float, float, float, float, float, float, float], float]:
+    """
+    Return the undamped motion about a goal in a tick, and the time τ from its start to the match.
+
+    Parameters
+    ----------
+    omega : float
+        ω, rad/s, which in rest says how far a force displaces
+    angle : float
+        by which it turns in a tick, φ ≥ 0
+    kept : float
+        share of the velocity relative to the goal that damping leaves
+    step : float
+        h, s
+
+    Returns
+    -------
+    response : tuple of 7 float
+        cos φ, sin φ / ω in s, −ω sin φ in 1/s, cos φ, Γ₁ in s², Γ₂ in s, and the share kept
+    time : float
+        τ = tan(φ / 2) / ω, s; less for more than a right angle, where the goal could overtake
+
+    """
+    if angle < 1e-6:
+        return (1.0, step, -omega * omega * step, 1.0, 0.5 * step * step, step, kept), 0.5 * step
+    # ω of the swing is that of the stiffness, whatever damping does to the angle
+    sine, half = math.sin(angle), math.sin(0.5 * angle)
+    change = 2.0 * half * half
+    time = math.tan(0.5 * angle) / omega if angle <= math.pi / 2.0 else max(sine, 0.0) / omega
+    position, velocity = change / omega**2, sine / omega
+    return (1.0 - change, velocity, -omega * sine, 1.0 - change, position, velocity, kept), time
 
 
 def _share_of(slow: float, phase: float) -> float:

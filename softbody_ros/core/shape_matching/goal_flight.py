@@ -6,19 +6,23 @@ Unconstrained motion in a tick of a body with regions or pins: each particle swi
 Müller, Heidelberger, Teschner, Gross: Meshless Deformations Based on Shape Matching, SIGGRAPH
 2005, with regions (section 4.4). Such a body is no simple system of modes: its goals follow bends
 of regions, and where pins hold it, these. So the goals g are taken as constant in the tick, and
-each particle is the exact oscillator of the frequency ω of α_s about its own
-(`gains.oscillator_response`). With offsets r from the centre of mass, the angular velocity Ω and
-velocities of deformation u = v − V − Ω × r
+each particle turns about its own with the frequency ω of α_s. With offsets r from the centre of
+mass, the angular velocity Ω and velocities of deformation u = v − V − Ω × r
 
-    x' = c' + E [g + Φ₁₁ (r − g) + Φ₁₂ u + Γ₁ b]
-    v' = V' + E [Φ₂₁ (r − g) + Φ₂₂ u + Γ₂ b] + Ω' × (x' − c').
+    u ← δ u + (1 − δ) u_g
+    x' = c' + E [g + cos φ (r − g) + sin φ / ω u + Γ₁ b]
+    v' = V' + E [−ω sin φ (r − g) + cos φ u + Γ₂ b] + Ω' × (x' − c').
 
 E is the rotation of the free rigid body by the implicit midpoint rule; Ω' restores the angular
-momentum; b is the centrifugal acceleration, less the angular one that it causes. The goals are
-those of the shape r + τ u with τ = Γ₁ / Γ₂: then a deformation which they follow by the share f
-turns by φ' with cos φ' = f + (1 − f) cos φ, φ = ω h, and without damping loses no energy. At the
-reference step this is the published scheme, but with velocities at the tick: r + τ u is what that
-predicts.
+momentum; b is the centrifugal acceleration, less the angular one that it causes. Damping takes a
+share of the velocity relative to the goals, u_g = (g(r + τ u) − g(r)) / τ; φ and δ are such that
+what no goal follows moves with the exact frequency and decay (`gains.turn_about_goal`).
+
+The goals are those of the shape r + τ u with τ = tan(φ / 2) / ω: without damping that is to drift
+for τ, to be pulled, and to drift for τ, so that no energy is lost, and a deformation of which they
+follow the share f turns by φ' with cos φ' = f + (1 − f) cos φ. At the reference step this is the
+published scheme, but with velocities at the tick: r + τ u is what that predicts. It is stable at
+any step.
 
 Pins. In the match, and only there, pinned particles have many times the weight of the body (see
 `pins`), so the goals are where the pins hold them. The centre is then that of the pins, and moves
@@ -27,7 +31,7 @@ their axis, if they lie on a line: Ω' restores the angular momentum about these
 part of b, less the angular acceleration that it causes: so a body that hangs is in rest exactly
 where r − g = b / ω².
 
-The result is linear in r, v and the goals, which take the place of the features in `map`.
+The result is linear in r, v, g and u_g, which take the place of the features in `map`.
 """
 
 from __future__ import annotations
@@ -59,6 +63,7 @@ from softbody_ros.core.geometry.vectors import (
     outer,
     plus,
     product,
+    put_column,
     put_matrix,
     put_vector,
     scaled,
@@ -74,7 +79,7 @@ from softbody_ros.core.lanes import (
     vectors_at,
     weights_at,
 )
-from softbody_ros.core.shape_matching.gains import RESIDUAL
+from softbody_ros.core.shape_matching.gains import REGULAR, RESIDUAL, TOUCHING
 from softbody_ros.core.shape_matching.goals import find_goal, match_regions
 from softbody_ros.core.shape_matching.matching import (
     LINEAR,
@@ -138,6 +143,16 @@ class Deviations(NamedTuple):
     mean_s: Vector  # m/s
     pp: Matrix  # Σ w p pᵀ, m²
     pxs: Vector  # Σ w p × s, m²/s
+
+
+class Linear(NamedTuple):
+    """A linear combination of r, v − V, g and u_g."""
+
+    constant: Vector
+    r: Matrix
+    u: float
+    g: float
+    u_g: float
 
 
 class Field(NamedTuple):
@@ -317,7 +332,7 @@ def find_goals(
     scratch: np.ndarray,
 ) -> Matrix:
     """
-    Write the goals of all particles, m from the pivot, and return the rotation of the whole body.
+    Write goals of all particles and their velocities; return the rotation of the whole body.
 
     Parameters
     ----------
@@ -333,27 +348,47 @@ def find_goals(
         see `fly_to_goals`
 
     """
-    goal, moment, row = scratch[5], scratch[0], body['first_match']
-    look_ahead(body, x, v, motion, q)
-    centre = match_moments(body, matched, weights, q, moment)
-    rotation = rotation_of(linear_block(moment))
-    degeneracy = find_goal(body, matched, stretch, match_posture, scratch, goal)
-    body['degeneracy'] = degeneracy
-    put_vector(match_centre[row], centre)
-    match_regions(
-        body, matched, regions, region_members, features, weighted_features, q, stretch,
-        match_centre, match_posture, degeneracy,
-    )  # fmt: skip
-    add_goals(body, matched, q, centre, goal)
+    first, count = body['first_goal'], body['count']
+    state = TOUCHING if body['touches'][body['now']] > 0 else REGULAR
+    time, rotation = body['look_ahead'][state], IDENTITY
+    is_damped = body['responses'][state, RESIDUAL, 6] < 1.0 and time > 0.0
+    for ahead in range(2):
+        if ahead == 0 and not is_damped:
+            continue
+        column = first + count * (1 - ahead)
+        look_ahead(body, x, v, motion, ahead * time, column, q)
+        centre = match_moments(body, matched, weights, q, column, scratch[0])
+        rotation, body['flowed'] = rotation_of(linear_block(scratch[0])), False
+        degeneracy = find_goal(body, matched, stretch, match_posture, scratch, scratch[5])
+        body['degeneracy'] = degeneracy
+        put_vector(match_centre[body['first_match']], centre)
+        match_regions(
+            body, matched, regions, region_members, features, weighted_features, q, stretch,
+            match_centre, match_posture, degeneracy, column,
+        )  # fmt: skip
+        add_goals(body, matched, q, column, centre, scratch[5])
+    for i in range(first, first + count):
+        velocity = ZERO
+        if is_damped:
+            change = minus(column_of(q, i), column_of(q, count + i))
+            velocity = scaled(1.0 / time, change)
+        put_column(q, count + i, velocity)
     return rotation
 
 
 @helper
-def look_ahead(body: np.void, x: np.ndarray, v: np.ndarray, motion: Motion, q: np.ndarray) -> None:
-    """Write offsets r + τ u from the pivot in the place of the goals, m."""
-    time = body['look_ahead'][1 if body['touches'][body['now']] > 0 else 0]
+def look_ahead(
+    body: np.void,
+    x: np.ndarray,
+    v: np.ndarray,
+    motion: Motion,
+    time: float,
+    column: int,
+    q: np.ndarray,
+) -> None:
+    """Write offsets r + τ u from the pivot in the place of the goals, from a column on, m."""
     time *= body['kept_velocity']
-    first, to_goal = body['first'], body['first_goal'] - body['first']
+    first, to_goal = body['first'], column - body['first']
     end, turning = body['first'] + body['count'], times(-1.0, cross_matrix(motion.rate))
     for i in range(first, end, LANES):
         left = end - i
@@ -364,7 +399,12 @@ def look_ahead(body: np.void, x: np.ndarray, v: np.ndarray, motion: Motion, q: n
 
 @helper
 def match_moments(
-    body: np.void, shape: np.void, weights: np.ndarray, y: np.ndarray, moment: np.ndarray
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    y: np.ndarray,
+    column: int,
+    moment: np.ndarray,
 ) -> Vector:
     """
     Return the mean of positions in the place of the goals, m, and write Σ w f y (F, 3).
@@ -372,7 +412,7 @@ def match_moments(
     With the weights of the match. The mean is not subtracted: that of the features is 0.
     """
     mean, end = ZERO, body['first'] + body['count']
-    rest, to_y = shape['first'] - body['first'], body['first_goal'] - body['first']
+    rest, to_y = shape['first'] - body['first'], column - body['first']
     fill(moment, 0.0)
     for start in range(body['first'], end, TILE):
         tile, total = Tile(start, min(start + TILE, end), rest), no_vectors()
@@ -388,7 +428,7 @@ def match_moments(
 
 @helper
 def add_goals(
-    body: np.void, shape: np.void, q: np.ndarray, centre: Vector, goal: np.ndarray
+    body: np.void, shape: np.void, q: np.ndarray, column: int, centre: Vector, goal: np.ndarray
 ) -> None:
     """Add the share of the whole body, centre + scale T f, to that of the regions."""
     share = body['whole_body_weight']
@@ -400,7 +440,7 @@ def add_goals(
         of_squares, of_products = linear_block(goal[3:]), linear_block(goal[6:])
     for f in range(LINEAR, len(goal)):
         shift = along(shift, -shape['feature_means'][f], vector_of(goal[f]))
-    rest, to_goal = shape['first'] - body['first'], body['first_goal'] - body['first']
+    rest, to_goal = shape['first'] - body['first'], column - body['first']
     end = body['first'] + body['count']
     for i in range(body['first'], end, LANES):
         left = end - i
@@ -451,9 +491,10 @@ def advance(
         force = plus(vector_of(wrench[0, 0]), applied(posture, vector_of(wrench[1, 0])))
         torque = plus(vector_of(wrench[0, 1]), applied(posture, vector_of(wrench[1, 1])))
     field = acceleration_field(body, motion, plus(gravity, force), torque, scale)
-    response = blended_response(body, RESIDUAL)
-    a, b, c, d, given, given_v = response[:6]
-    # p = P₀ + P r + Q u + T g, and the same of s, with u = v − V
+    a, b, c, d, given, given_v, left = blended_response(body, RESIDUAL)
+    # p = P₀ + P r + Q u + T g + W u_g, and the same of s, with u = v − V
+    by_goal, by_goal_v = b * (1.0 - left), d * (1.0 - left)
+    b, d = b * left, d * left
     turning = cross_matrix(motion.rate)
     of_r = combined(a, IDENTITY, -b * kept, turning)
     of_r = combined(1.0, of_r, given, field.of_offset)
@@ -463,8 +504,9 @@ def advance(
     moments = Deviations(motion.mass_offset, ZERO, motion.gram, ZERO)
     if is_soft:
         moments = deviations(
-            body, shape, weights, q, x, v, motion, of_r, b * kept, 1.0 - a, start, speed_of_r,
-            d * kept, -c, start_speed, pinned,
+            body, shape, weights, q, x, v, motion,
+            Linear(start, of_r, b * kept, 1.0 - a, by_goal),
+            Linear(start_speed, speed_of_r, d * kept, -c, by_goal_v), pinned,
         )  # fmt: skip
         if body['pins'] == 0:
             # rounding, and particles without mass, which regions give a little
@@ -542,6 +584,9 @@ def advance(
         motion.velocity,
     )
     speed_of_goal = added(speed_of_goal, product(rotating, of_goal))
+    speed_of_motion = combined(by_goal_v, IDENTITY, by_goal, rotating)
+    put_matrix(body['map'][0, 10:13], transposed(times(by_goal, turn)))
+    put_matrix(body['map'][1, 10:13], transposed(product(turn, speed_of_motion)))
     put_matrix(body['map'][0, 7:10], transposed(product(turn, of_goal)))
     put_matrix(body['map'][1, 7:10], transposed(product(turn, speed_of_goal)))
 
@@ -585,17 +630,11 @@ def deviations(
     x: np.ndarray,
     v: np.ndarray,
     motion: Motion,
-    of_r: Matrix,
-    of_u: float,
-    of_g: float,
-    start: Vector,
-    speed_of_r: Matrix,
-    speed_of_u: float,
-    speed_of_g: float,
-    start_speed: Vector,
+    to_p: Linear,
+    to_s: Linear,
     pinned: np.ndarray,
 ) -> Deviations:
-    """Return the moments of p = start + P r + Q (v − V) + T g and of s, see `advance`."""
+    """Return the moments of p and s, see `advance`."""
     mean_p = mean_s = upper = lower = angular = no_vectors()
     end, rest = body['first'] + body['count'], shape['first'] - body['first']
     to_goal = body['first_goal'] - body['first']
@@ -603,8 +642,8 @@ def deviations(
         left = end - i
         r = minus(vectors_at(x, i, left), motion.pivot)
         u, g = minus(vectors_at(v, i, left), motion.velocity), vectors_at(q, to_goal + i, left)
-        p = along(along(plus(start, applied(of_r, r)), of_u, u), of_g, g)
-        s = along(along(plus(start_speed, applied(speed_of_r, r)), speed_of_u, u), speed_of_g, g)
+        u_g = vectors_at(q, to_goal + body['count'] + i, left)
+        p, s = combination(to_p, r, u, g, u_g), combination(to_s, r, u, g, u_g)
         w = weights_at(weights, rest + i, left)
         weighted = scaled(w, p)
         mean_p, mean_s = plus(mean_p, weighted), along(mean_s, w, s)
@@ -621,9 +660,16 @@ def deviations(
         i = pinned[k]
         w, g = weights[rest + i], column_of(q, to_goal + i)
         r, u = minus(column_of(x, i), motion.pivot), minus(column_of(v, i), motion.velocity)
-        p = along(along(plus(start, applied(of_r, r)), of_u, u), of_g, g)
-        s = along(along(plus(start_speed, applied(speed_of_r, r)), speed_of_u, u), speed_of_g, g)
+        u_g = column_of(q, to_goal + body['count'] + i)
+        p, s = combination(to_p, r, u, g, u_g), combination(to_s, r, u, g, u_g)
         mean = along(mean, w, minus(r, p))
         pp = combined(1.0, pp, w, combined(1.0, outer(r, r), -1.0, outer(p, p)))
         pxs = along(pxs, -w, cross(p, s))
     return Deviations(mean, speed, pp, pxs)
+
+
+@helper
+def combination(of: Linear, r, u, g, u_g):  # type: ignore[no-untyped-def]
+    """Return the combination of the vectors of a particle, or of lanes."""
+    result = along(plus(of.constant, applied(of.r, r)), of.u, u)
+    return along(along(result, of.g, g), of.u_g, u_g)

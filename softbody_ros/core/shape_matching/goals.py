@@ -127,6 +127,7 @@ def match_regions(
     match_centre: np.ndarray,
     match_posture: np.ndarray,
     degeneracy: float,
+    first: int,
 ) -> None:
     """
     Match each region (section 4.4), and replace the positions of particles by their goals.
@@ -136,15 +137,16 @@ def match_regions(
     body, shape, regions, member, features, weighted_features, stretch
         see `goal_flight.fly_to_goals`; the shape with the weights of the match
     goals : (3, N) float
-        positions, then weighted means of the goals by regions, m; the first particle of the body
-        is in column `first_goal`
+        positions, then weighted means of the goals by regions, m
     match_centre, match_posture : (S, 3), (S, 3, 3) float
         written, see `goal_flight.fly_to_goals`
     degeneracy : float
         of the match of the whole body
+    first : int
+        column of the first particle
 
     """
-    first, scale, is_plastic = body['first_goal'], shape['scale'], body['is_plastic']
+    scale, is_plastic = shape['scale'], body['is_plastic']
     for k in range(body['regions']):
         region, row = regions[shape['first_region'] + k], body['first_match'] + 1 + k
         moment, weighted = region_moment(region, member, weighted_features, goals, first)

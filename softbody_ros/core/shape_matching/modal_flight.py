@@ -904,6 +904,7 @@ def write(
             drift = along(drift, -shape['feature_means'][f], vector_of(of_v[7 + f]))
     first, rest = body['first'], first_feature(body, shape) - body['first']
     end, origin = first + body['count'], vector_of(body['origin'])
+    follows_goals, to_motion = body['follows_goals'], rest + body['count']
     for i in range(first, end, LANES):
         left = end - i
         point = vectors_at(q, rest + i, left)
@@ -916,6 +917,12 @@ def write(
             square, mixed = squares(point), mixed_products(point)
             to_x = plus(to_x, plus(applied(square_x, square), applied(mixed_x, mixed)))
             to_v = plus(to_v, plus(applied(square_v, square), applied(mixed_v, mixed)))
+        elif follows_goals:
+            motion = vectors_at(q, to_motion + i, left)
+            to_x, to_v = (
+                plus(to_x, applied(square_x, motion)),
+                plus(to_v, applied(square_v, motion)),
+            )
         put_vectors(new_x, i, left, to_x)
         put_vectors(new_v, i, left, to_v)
 
@@ -980,6 +987,9 @@ def mapped(
     result = plus(result, applied(matrix_of(of[1:4]), y))
     result = plus(result, applied(matrix_of(of[4:7]), u))
     rest = first_feature(body, shape) + i - body['first']
+    if body['follows_goals']:
+        motion = column_of(q, rest + body['count'])
+        result = plus(result, applied(linear_block(of[10:]), motion))
     return with_features(result, of[7:], has_products(body), shape, q, rest)
 
 
