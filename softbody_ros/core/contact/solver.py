@@ -324,9 +324,7 @@ def add_tangents(problem: Problem, k: int, share: float) -> None:
 
 
 @helper
-def squared_tangents(
-    problem: Problem, member: int, one: float, two: float
-) -> tuple[float, float]:
+def squared_tangents(problem: Problem, member: int, one: float, two: float) -> tuple[float, float]:
     """Return two sums with the squared amplitudes, less those of K, of a body."""
     if member >= 0:
         count = problem.counts[member]
