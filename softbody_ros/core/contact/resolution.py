@@ -254,14 +254,15 @@ def without_far(members: np.ndarray, rows: np.ndarray) -> int:
     """
     Drop contacts of deformable start shapes that are none after the flight.
 
-    Those are kept that forces at the others may close. The rows that are left come first; returned
-    is their number.
+    Those are kept that forces at new ones may close; forces of contacts that persist hold what
+    they have held. The rows that are left come first; returned is their number.
     """
     deepest = np.zeros(len(members))
     for row in rows:
-        deepest[row['one']] = max(deepest[row['one']], -row['gap'])
-        if row['two'] >= 0:
-            deepest[row['two']] = max(deepest[row['two']], -row['gap'])
+        if row['is_new']:
+            deepest[row['one']] = max(deepest[row['one']], -row['gap'])
+            if row['two'] >= 0:
+                deepest[row['two']] = max(deepest[row['two']], -row['gap'])
     left = 0
     for k in range(len(rows)):
         row = rows[k]
