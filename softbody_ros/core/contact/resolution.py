@@ -75,6 +75,7 @@ from softbody_ros.core.geometry.vectors import (
     Vector,
     along,
     applied,
+    axial,
     column_of,
     cross,
     dot,
@@ -379,8 +380,8 @@ def resolve(
     for root in range(count):
         first, last = first_row[root], first_row[root] + used[root]
         together = inside[first_body[root] : first_body[root + 1]]
-        particles = all_particles[:0]
-        if first < last:
+        particles, meets = all_particles[:0], first < last
+        if meets:
             touched = number_particles(
                 together, own[first:last], bodies, shapes, weights, q, x, v, place_of,
                 all_particles,
@@ -392,7 +393,7 @@ def resolve(
             )
         for k in range(first, last):
             row = own[k]
-            if row['positional'][0] > 0.0 and row['key'] >= 0:
+            if row['key'] >= 0:
                 remembered[kept]['key'] = row['key']
                 put_vector(remembered[kept]['force'], in_world(row, row['positional']))
                 remembered[kept]['tolerated'] = row['tolerated']
@@ -408,8 +409,8 @@ def resolve(
             if member['is_soft']:
                 if member['starts']:
                     shape = shapes[body['shape']]
-                    write_soft_body(body, shape, member, q, x, v, first < last)
-            elif first < last:
+                    write_soft_body(body, shape, member, q, x, v, meets)
+            elif meets:
                 write_body(body, member, x, v)
         for particle in particles:
             write_particle(particle, together, bodies, x, v)
@@ -631,7 +632,7 @@ def resolve_island(
     Returns
     -------
     int
-        number of contacts, with those found in the end
+        number of contacts that act: the first ones then, with those found in the end
 
     """
     scale, mass, is_soft = members[0]['scale'], members[0]['mass'], False
@@ -705,18 +706,17 @@ def resolve_island(
         add_velocities(members, particles, problem.modes[0], problem.shifts[0])
     share = 1.0
     if work[2] > unsolved and not is_soft:
-        most = largest_energy(members, rows, energy)
+        most = largest_energy(members, rows[:acting], energy)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
             share = keep_energy(members, energy, most)
     put_rotation(members, particles)
-    for k in range(len(rows)):
+    for k in range(acting):
         row = rows[k]
         for axis in range(3):
-            impulse = row['force'][axis] if k < acting else 0.0
-            row['force'][axis] = share * (row['positional'][axis] + impulse / h)
+            row['force'][axis] = share * (row['positional'][axis] + row['force'][axis] / h)
         if not row['force'][0] > RELEASED * row['positional'][0]:
             put_vector(row['force'], ZERO)
-    return used
+    return acting
 
 
 @helper
@@ -1109,10 +1109,13 @@ def begin_velocities(
         if not rows[k]['positional'][0] > 0.0:
             continue
         if acting != k:
-            swap(rows, acting, k)
+            copy_record(rows, acting, rows, k)
         row = rows[acting]
-        point = vector_of(row['end_point'])
-        put_jacobian(row, jacobian[acting], members, particles, point, True)
+        if has_moved(row, members):
+            end = vector_of(row['end_point'])
+            put_jacobian(row, jacobian[acting], members, particles, end, True)
+        elif acting != k:
+            copy_jacobian(row, jacobian[acting], jacobian[k], problem.counts)
         velocity = side_velocity(row, 0, members[row['one']], particles)
         if row['two'] >= 0:
             other = side_velocity(row, 1, members[row['two']], particles)
@@ -1141,6 +1144,39 @@ def begin_velocities(
             row['force'][axis] = 0.0
         acting += 1
     return acting
+
+
+@helper
+def has_moved(row: np.void, members: np.ndarray) -> bool:
+    """
+    Return whether forces have turned a side of a contact, or moved the contact on it.
+
+    If not, as in rest, J is that of the positions.
+    """
+    for side in range(2):
+        index, _ = side_of(row, side)
+        if index >= 0:
+            member = members[index]
+            before = minus(vector_of(row['point']), vector_of(member['centre']))
+            change = minus(minus(vector_of(row['end_point']), end_centre(member)), before)
+            sine, scale = scaled(0.5, axial(matrix_of(member['rotation']))), member['scale']
+            most = LINEARISED * LINEARISED
+            if dot(change, change) > most * scale * scale or dot(sine, sine) > most:
+                return True
+    return False
+
+
+@helper
+def copy_jacobian(
+    row: np.void, target: np.ndarray, source: np.ndarray, counts: np.ndarray
+) -> None:
+    """Copy J of one contact."""
+    for side in range(2):
+        index, _ = side_of(row, side)
+        if index >= 0:
+            for axis in range(3):
+                for mode in range(counts[index] + 1):
+                    target[side, axis, mode] = source[side, axis, mode]
 
 
 @helper
@@ -1244,15 +1280,6 @@ def energy_after(members: np.ndarray, rows: np.ndarray) -> float:
         copy_record(after, number, members, number)
     add_impulses(after, rows)
     return kinetic_energy(after)
-
-
-@helper
-def swap(rows: np.ndarray, one: int, two: int) -> None:
-    """Exchange two rows."""
-    kept = np.empty(1, rows.dtype)
-    copy_record(kept, 0, rows, one)
-    copy_record(rows, one, rows, two)
-    copy_record(rows, two, kept, 0)
 
 
 @helper
