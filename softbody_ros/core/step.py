@@ -174,11 +174,14 @@ class Integrator:
         members = np.zeros(len(chosen), MEMBER)
         memory, found = state.contact_memory, 0
         others = self._any_pairs or bool(environment.fixed_points)
+        resolution.begin_members(
+            bodies, chosen, state.shapes, state.x, environment.records, h, others, members
+        )
         while True:
             found = resolution.find_obstacle_rows(
-                bodies, chosen, state.shapes, state.weights, state.q, state.x, state.v,
-                environment.records, environment.trees, h, memory, others, members,
-                self._contacts, self._rows, state.is_pinned,
+                bodies, state.shapes, state.weights, state.q, state.x, state.v,
+                environment.records, environment.trees, h, memory, members, self._contacts,
+                self._rows, state.is_pinned,
             )  # fmt: skip
             if found <= len(self._rows):
                 break

@@ -76,6 +76,7 @@ from softbody_ros.core.geometry.vectors import (
     Vector,
     along,
     applied,
+    axial,
     column_of,
     cross,
     dot,
@@ -128,9 +129,57 @@ velocities."""
 
 
 @kernel
-def find_obstacle_rows(
+def begin_members(
     bodies: np.ndarray,
     chosen: np.ndarray,
+    shapes: np.ndarray,
+    x: np.ndarray,
+    obstacles: np.ndarray,
+    h: float,
+    others: bool,
+    members: np.ndarray,
+) -> None:
+    """
+    Write the members, after their flight.
+
+    Deformable bodies that may touch something get their start shape in the place of the result.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+    chosen : (m,) int
+    shapes : (R,) SHAPE
+    x : (2, 3, N) float
+        m
+    obstacles : (O,) OBSTACLE
+    h : float
+        s
+    others : bool
+        whether there is something else that bodies may touch
+    members : (m,) MEMBER
+        written
+
+    """
+    for number in range(len(chosen)):
+        body, member = bodies[chosen[number]], members[number]
+        shape, now = shapes[body['shape']], body['now']
+        scale = shape['scale']
+        put_member(member, body, shape, chosen[number], h)
+        member['margin'] = (SOFT_MARGIN if member['is_soft'] else MARGIN) * scale
+        rate = applied(
+            matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum'])
+        )
+        turning = norm(rate) + norm(vector_of(member['carried']))
+        member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
+        member['nearby'] = member['margin']
+        if member['is_soft'] and (others or nears_any(body, member, obstacles, x)):
+            member['margin'] += put_start_shape(body, x[now], x[1 - now])
+            member['starts'] = True
+
+
+@kernel
+def find_obstacle_rows(
+    bodies: np.ndarray,
     shapes: np.ndarray,
     weights: np.ndarray,
     q: np.ndarray,
@@ -140,21 +189,17 @@ def find_obstacle_rows(
     trees: Trees,
     h: float,
     memory: np.ndarray,
-    others: bool,
     members: np.ndarray,
     contacts: np.ndarray,
     rows: np.ndarray,
     is_pinned: np.ndarray,
 ) -> int:
     """
-    Write the members, and the rows of their contacts with obstacles.
-
-    Deformable bodies that may touch something get their start shape in the place of the result.
+    Write the rows of contacts with obstacles, at the start shapes.
 
     Parameters
     ----------
     bodies : (B,) BODY
-    chosen : (m,) int
     shapes : (R,) SHAPE
     weights, q : (M,), (3, M) float
         mass shares and rest positions of the particles of all rest shapes
@@ -167,13 +212,11 @@ def find_obstacle_rows(
         s
     memory : (r,) MEMORY
         of the tick before, in order of its keys
-    others : bool
-        whether there is something else that bodies may touch
     members : (m,) MEMBER
-        written
     contacts : (c,) CONTACT
         scratch for the contacts of one body with one obstacle
     rows : (k,) ROW
+        written
     is_pinned : (N,) bool
         particles that pins hold against any force: they touch no obstacles
 
@@ -184,23 +227,12 @@ def find_obstacle_rows(
 
     """
     found = 0
-    for number in range(len(chosen)):
-        body = bodies[chosen[number]]
+    for number in range(len(members)):
+        member = members[number]
+        body = bodies[member['body']]
         first, count, now = body['first'], body['count'], body['now']
         shape = shapes[body['shape']]
-        scale = shape['scale']
         x0, x1 = x[now], x[1 - now]
-        put_member(members[number], body, shape, chosen[number], h)
-        member = members[number]
-        member['margin'] = (SOFT_MARGIN if member['is_soft'] else MARGIN) * scale
-        speed = norm(vector_of(member['velocity'])) + scale * norm(
-            applied(matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum']))
-        )
-        member['margin'] += h * speed
-        member['nearby'] = member['margin']
-        if member['is_soft'] and (others or nears_any(body, member, obstacles, x)):
-            member['margin'] += put_start_shape(body, x0, x1)
-            member['starts'] = True
         if member['is_soft'] and not member['starts']:
             continue
         if member['has_pins'] and not member['is_soft'] and is_fixed(member):
@@ -268,14 +300,15 @@ def without_far(members: np.ndarray, rows: np.ndarray) -> int:
     """
     Drop contacts of deformable start shapes that are none after the flight.
 
-    Those are kept that forces at the others may close. The rows that are left come first; returned
-    is their number.
+    Those are kept that forces at new ones may close; forces of contacts that persist hold what
+    they have held. The rows that are left come first; returned is their number.
     """
     deepest = np.zeros(len(members))
     for row in rows:
-        deepest[row['one']] = max(deepest[row['one']], -row['gap'])
-        if row['two'] >= 0:
-            deepest[row['two']] = max(deepest[row['two']], -row['gap'])
+        if row['is_new']:
+            deepest[row['one']] = max(deepest[row['one']], -row['gap'])
+            if row['two'] >= 0:
+                deepest[row['two']] = max(deepest[row['two']], -row['gap'])
     left = 0
     for k in range(len(rows)):
         row = rows[k]
@@ -395,8 +428,8 @@ def resolve(
     for root in range(count):
         first, last = first_row[root], first_row[root] + used[root]
         together = inside[first_body[root] : first_body[root + 1]]
-        particles = all_particles[:0]
-        if first < last:
+        particles, meets = all_particles[:0], first < last
+        if meets:
             touched = number_particles(
                 together, own[first:last], bodies, shapes, weights, q, x, v, place_of,
                 all_particles, is_pinned,
@@ -408,7 +441,7 @@ def resolve(
             )
         for k in range(first, last):
             row = own[k]
-            if row['positional'][0] > 0.0 and row['key'] >= 0:
+            if row['key'] >= 0:
                 remembered[kept]['key'] = row['key']
                 put_vector(remembered[kept]['force'], in_world(row, row['positional']))
                 remembered[kept]['tolerated'] = row['tolerated']
@@ -424,8 +457,8 @@ def resolve(
             if member['is_soft']:
                 if member['starts']:
                     shape = shapes[body['shape']]
-                    write_soft_body(body, shape, member, q, x, v, first < last)
-            elif first < last:
+                    write_soft_body(body, shape, member, q, x, v, meets)
+            elif meets:
                 write_body(body, member, x, v)
         for particle in particles:
             write_particle(particle, together, bodies, x, v)
@@ -648,7 +681,7 @@ def resolve_island(
     Returns
     -------
     int
-        number of contacts, with those found in the end
+        number of contacts that act: the first ones then, with those found in the end
 
     """
     scale, mass, is_soft = members[0]['scale'], members[0]['mass'], False
@@ -722,18 +755,17 @@ def resolve_island(
         add_velocities(members, particles, problem.modes[0], problem.shifts[0])
     share = 1.0
     if work[2] > unsolved and not is_soft:
-        most = largest_energy(members, rows, energy)
+        most = largest_energy(members, rows[:acting], energy)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
             share = keep_energy(members, energy, most)
     put_rotation(members, particles)
-    for k in range(len(rows)):
+    for k in range(acting):
         row = rows[k]
         for axis in range(3):
-            impulse = row['force'][axis] if k < acting else 0.0
-            row['force'][axis] = share * (row['positional'][axis] + impulse / h)
+            row['force'][axis] = share * (row['positional'][axis] + row['force'][axis] / h)
         if not row['force'][0] > RELEASED * row['positional'][0]:
             put_vector(row['force'], ZERO)
-    return used
+    return acting
 
 
 @helper
@@ -1138,10 +1170,13 @@ def begin_velocities(
         if not rows[k]['positional'][0] > 0.0:
             continue
         if acting != k:
-            swap(rows, acting, k)
+            copy_record(rows, acting, rows, k)
         row = rows[acting]
-        point = vector_of(row['end_point'])
-        put_jacobian(row, jacobian[acting], members, particles, point, True)
+        if has_moved(row, members):
+            end = vector_of(row['end_point'])
+            put_jacobian(row, jacobian[acting], members, particles, end, True)
+        elif acting != k:
+            copy_jacobian(row, jacobian[acting], jacobian[k], problem.counts)
         velocity = side_velocity(row, 0, members[row['one']], particles)
         if row['two'] >= 0:
             other = side_velocity(row, 1, members[row['two']], particles)
@@ -1170,6 +1205,39 @@ def begin_velocities(
             row['force'][axis] = 0.0
         acting += 1
     return acting
+
+
+@helper
+def has_moved(row: np.void, members: np.ndarray) -> bool:
+    """
+    Return whether forces have turned a side of a contact, or moved the contact on it.
+
+    If not, as in rest, J is that of the positions.
+    """
+    for side in range(2):
+        index, _ = side_of(row, side)
+        if index >= 0:
+            member = members[index]
+            before = minus(vector_of(row['point']), vector_of(member['centre']))
+            change = minus(minus(vector_of(row['end_point']), end_centre(member)), before)
+            sine, scale = scaled(0.5, axial(matrix_of(member['rotation']))), member['scale']
+            most = LINEARISED * LINEARISED
+            if dot(change, change) > most * scale * scale or dot(sine, sine) > most:
+                return True
+    return False
+
+
+@helper
+def copy_jacobian(
+    row: np.void, target: np.ndarray, source: np.ndarray, counts: np.ndarray
+) -> None:
+    """Copy J of one contact."""
+    for side in range(2):
+        index, _ = side_of(row, side)
+        if index >= 0:
+            for axis in range(3):
+                for mode in range(counts[index] + 1):
+                    target[side, axis, mode] = source[side, axis, mode]
 
 
 @helper
@@ -1277,15 +1345,6 @@ def energy_after(members: np.ndarray, rows: np.ndarray) -> float:
         copy_record(after, number, members, number)
     add_impulses(after, rows)
     return kinetic_energy(after)
-
-
-@helper
-def swap(rows: np.ndarray, one: int, two: int) -> None:
-    """Exchange two rows."""
-    kept = np.empty(1, rows.dtype)
-    copy_record(kept, 0, rows, one)
-    copy_record(rows, one, rows, two)
-    copy_record(rows, two, kept, 0)
 
 
 @helper

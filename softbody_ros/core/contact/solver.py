@@ -94,25 +94,25 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
         limit = LARGE_SWEEPS_FEW if are_few else LARGE_SWEEPS
     residual, before, sweeps = math.inf, math.inf, 0
     while sweeps < limit:
-        residual = sweep(problem)
+        residual, is_other_patch = sweep(problem)
         sweeps += 1
-        if is_viscous:
+        if is_viscous and is_other_patch:
             distribute_viscous_friction(problem)
         if residual <= tolerance:
-            break
+            return residual, sweeps, 0
         if are_few and not is_large and sweeps == SWEEPS:
             break
         if sweeps % SWEEPS == 1:
             if residual > SLOW * before and not is_large:
                 break
             before = residual
+    if is_large:
+        return residual, sweeps, 0
     for k in range(len(rows)):
         # of the problem before, or of another: nothing to extrapolate
         rows[k]['radius'] = radius_for(rows[k], rows[k]['force'][0])
         rows[k]['disc_change'] = 0.0
     settle(problem, tolerance)
-    if is_large or residual <= tolerance:
-        return residual, sweeps, 0
     newton = conjugate = 0
     least = (PRECISION * tolerance) * (PRECISION * tolerance) * mass
     points = len(problem.mobility)
@@ -135,11 +135,21 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
 
 
 @helper
-def sweep(problem: Problem) -> float:
-    """Project each force once, one after the other; return the largest change of s."""
+def sweep(problem: Problem) -> tuple[float, bool]:
+    """
+    Project each force once, one after the other.
+
+    Returns
+    -------
+    residual : float
+        largest change of s
+    is_other_patch : bool
+        whether a contact begins or ceases to act
+
+    """
     rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
     mobility, y, shifts = problem.mobility, problem.modes[0], problem.shifts[0]
-    is_mobile, residual = any_mobile(problem), 0.0
+    is_mobile, residual, is_other_patch = any_mobile(problem), 0.0, False
     for k in range(len(rows)):
         row = rows[k]
         motion = mode_response(row, jacobian[k], counts, y)
@@ -151,9 +161,17 @@ def sweep(problem: Problem) -> float:
             add_modes(row, jacobian[k], counts, change, y)
             if is_mobile:
                 add_particles(row, jacobian[k], counts, mobility, change, y, shifts)
+            acted = acts(row)
             for axis in range(3):
                 row['force'][axis] += change[axis]
-    return math.sqrt(residual)
+            is_other_patch = is_other_patch or acted != acts(row)
+    return math.sqrt(residual), is_other_patch
+
+
+@helper
+def acts(row: np.void) -> bool:
+    """Return whether a contact presses."""
+    return row['base'][0] + row['force'][0] > 0.0
 
 
 @helper
@@ -251,34 +269,24 @@ def is_same_patch(one: np.void, two: np.void) -> bool:
 @helper
 def distribute_over(problem: Problem, start: int, end: int) -> None:
     """Write the tangential laws of one patch."""
-    rows, jacobian = problem.rows, problem.jacobian
+    rows = problem.rows
     acting = every = 0.0
     for k in range(start, end):
         every += 1.0 / rows[k]['softness']
-        if rows[k]['base'][0] + rows[k]['force'][0] > 0.0:
+        if acts(rows[k]):
             acting += 1.0 / rows[k]['softness']
     # at first nothing is known of the pressure
     is_first, area = acting == 0.0, every if acting == 0.0 else acting
-    one = two = 0.0
-    for side in range(2):
-        member = rows[start]['one'] if side == 0 else rows[start]['two']
-        if member < 0:
-            continue
-        count = problem.counts[member]
-        for mode in range(count if count <= RIGID else count + 1):
-            a = b = 0.0
-            for k in range(start, end):
-                if is_first or rows[k]['base'][0] + rows[k]['force'][0] > 0.0:
-                    share = 1.0 / (area * rows[k]['softness'])
-                    a += share * jacobian[k, side, 1, mode]
-                    b += share * jacobian[k, side, 2, mode]
-            sign = 1.0 if mode < count else -1.0
-            one, two = one + sign * a * a, two + sign * b * b
-    for k in range(start, end if any_mobile(problem) else start):
-        if is_first or rows[k]['base'][0] + rows[k]['force'][0] > 0.0:
+    own = 0.0
+    clear_side(problem, rows[start]['one'])
+    clear_side(problem, rows[start]['two'])
+    for k in range(start, end):
+        if is_first or acts(rows[k]):
             share = 1.0 / (area * rows[k]['softness'])
-            own = share * share * own_mobility(rows[k], problem.mobility)
-            one, two = one + own, two + own
+            add_tangents(problem, k, share)
+            own += share * share * own_mobility(rows[k], problem.mobility)
+    one, two = squared_tangents(problem, rows[start]['one'], own, own)
+    one, two = squared_tangents(problem, rows[start]['two'], one, two)
     for k in range(start, end):
         row, phi = rows[k], rows[k]['viscosity']
         own = row['diagonal'][1] - row['compliance'][1]
@@ -292,3 +300,36 @@ def distribute_over(problem: Problem, start: int, end: int) -> None:
             row['bias'][1 + axis] = row['free'][axis] + (
                 row['compliance'][1] * row['base'][1 + axis]
             )
+
+
+@helper
+def clear_side(problem: Problem, member: int) -> None:
+    """Begin to add up what a body does by forces along both tangents of a patch."""
+    if member >= 0:
+        for mode in range(problem.counts[member] + 1):
+            problem.modes[1, member, mode] = problem.modes[2, member, mode] = 0.0
+
+
+@helper
+def add_tangents(problem: Problem, k: int, share: float) -> None:
+    """Add the amplitudes of modes, and those of K, by forces along both tangents of one row."""
+    for side in range(2):
+        member = problem.rows[k]['one'] if side == 0 else problem.rows[k]['two']
+        if member >= 0:
+            j, count = problem.jacobian[k, side], problem.counts[member]
+            first, second = problem.modes[1, member], problem.modes[2, member]
+            for mode in range(count if count <= RIGID else count + 1):
+                first[mode] += share * j[1, mode]
+                second[mode] += share * j[2, mode]
+
+
+@helper
+def squared_tangents(problem: Problem, member: int, one: float, two: float) -> tuple[float, float]:
+    """Return two sums with the squared amplitudes, less those of K, of a body."""
+    if member >= 0:
+        count = problem.counts[member]
+        for mode in range(count if count <= RIGID else count + 1):
+            sign = 1.0 if mode < count else -1.0
+            a, b = problem.modes[1, member, mode], problem.modes[2, member, mode]
+            one, two = one + sign * a * a, two + sign * b * b
+    return one, two
