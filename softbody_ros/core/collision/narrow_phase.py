@@ -158,7 +158,8 @@ def find_contacts(
                 particle_at(x, half, begin + corners[1]),
                 particle_at(x, half, begin + corners[2]),
             )
-            touches = height < thickness
+            # a face that has collapsed to a line has no normal
+            touches = height < thickness and dot(normal, normal) > 0.5
             passing = (
                 touches
                 and height < -PASSING_DEPTH * scale
