@@ -130,6 +130,7 @@ PARTICLE = np.dtype(
         ('member', np.int64),
         ('rows', np.int64),  # number of contacts that act on it
         ('weight', np.float64),  # mass share
+        ('borrowed', np.float64),  # what it yields with beyond that, at the cost of its body
         ('mobility', np.float64),  # ρʳ / (w M), 1/kg
         ('features', np.float64, (QUADRATIC_FEATURES,)),  # ψ
         ('offset', np.float64, (3,)),  # p from the centre after the flight, m
@@ -221,8 +222,9 @@ def put_particle(
     """Write a particle at a contact, after the flight from x, v (3, N)."""
     particle['column'], particle['member'], particle['weight'] = column, number, weight
     particle['rows'] = 0
-    inertia = max(weight, LEAST_SHARE / body['count']) * member['mass']
-    particle['mobility'] = 0.0 if is_pinned else member['mobility'] / inertia
+    inertia = max(weight, LEAST_SHARE / body['count'])
+    particle['borrowed'] = inertia - weight
+    particle['mobility'] = 0.0 if is_pinned else member['mobility'] / (inertia * member['mass'])
     if member['features'] > 0:
         whitened_features(body, shape, q, column, particle['features'])
     offset = minus(position_after(body, shape, q, x, v, column), vector_of(member['centre']))
@@ -356,7 +358,12 @@ def place_particles(members: np.ndarray, particles: np.ndarray, shifts: np.ndarr
     for k in range(len(particles)):
         particle, shift = particles[k], (shifts[0, k], shifts[1, k], shifts[2, k])
         put_vector(particle['shift'], shift)
-        add_to_mean(members[particle['member']], 0, particle['weight'], shift)
+        member = members[particle['member']]
+        add_to_mean(member, 0, particle['weight'], shift)
+        if particle['borrowed'] > 0.0 and not member['has_pins']:
+            # so that the centre moves as the force says
+            moved = along(vector_of(member['shift']), particle['borrowed'], shift)
+            put_vector(member['shift'], moved)
 
 
 @helper

@@ -50,7 +50,7 @@ from softbody_ros.core.shape_matching.polar_decomposition import (
 )
 from softbody_ros.core.shape_matching.regions import Regions, make_regions
 from softbody_ros.core.shape_matching.rest_shape import RestShape, make_rest_shape
-from softbody_ros.core.shape_matching.rigid_motion import inertia_of
+from softbody_ros.core.shape_matching.rigid_motion import inertia_of, inverse_inertia_of
 
 COUPLING = 100.0
 """Weight of all pins in the match, in body masses."""
@@ -219,12 +219,14 @@ def inverse_about(allowed: Matrix, gram: Matrix, scale: float, cut: float) -> Ma
     least = cut * scale * scale
     if allowed[0][0] + allowed[1][1] + allowed[2][2] > 2.0:
         columns, axes = orthogonal_columns(inertia_of(gram))
-        result = NO_MATRIX
+        result, turns = NO_MATRIX, 0
         for k in range(3):
             inertia = norm(columns[k])
             if inertia > least:
                 result = combined(1.0, result, 1.0 / inertia, outer(axes[k], axes[k]))
-        return result
+                turns += 1
+        # the inverse is more precise than the sum over axes
+        return inverse_inertia_of(gram, scale) if turns == 3 else result
     about = product(allowed, inertia_of(gram))
     inertia = about[0][0] + about[1][1] + about[2][2]
     return times(1.0 / inertia if inertia > least else 0.0, allowed)
