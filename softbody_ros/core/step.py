@@ -194,8 +194,7 @@ class Integrator:
         failed = modal_flight.fly(
             state.bodies, chosen, state.shapes, state.weights, state.q, state.x, state.v,
             state.stretch, state.match_centre, state.match_posture, state.regions,
-            state.member, state.weighted_features, state.first_corner, state.corners,
-            state.normal_impulse, gravity, h,
+            state.member, state.weighted_features, state.faces, gravity, h,
         )  # fmt: skip
         if failed:
             self._fail(failed)

@@ -22,6 +22,9 @@ CRITICAL_DAMPING = 4
 """Power of `damping` that is the least damping ratio: next to nothing, but critical for what keeps
 no velocity. Undamped, even that would swing to the other side in a tick of more than a quarter of
 its period."""
+ADAPTATION = 0.2
+"""Rate, in ω, of the volume of the fit towards that with which the enclosed volume is that at
+rest. Slow beside an impact: control with a delay could feed energy into swings."""
 SMALL_PHASE = 0.5
 """ω h below which a power series is exact and differences lose digits."""
 FOLLOWED, RESIDUAL, BREATHING = 0, 1, 2
@@ -127,9 +130,14 @@ def breathing_frequency(followed: float, omega: float, conservation: float) -> f
     Its square is that of modes that the goal follows without conservation, grows by all of that of
     the stiffness at a half, and tends to that of incompressible bodies, which is bounded.
     """
+    square = followed * followed + volume_stiffness(followed, omega, conservation)
+    return min(math.sqrt(square), max(INCOMPRESSIBLE, KAPPA * omega))
+
+
+def volume_stiffness(followed: float, omega: float, conservation: float) -> float:
+    """Return what conservation adds to the square of the frequency of changes of volume, 1/s²."""
     ratio = conservation / max(1.0 - conservation, 1e-12)
-    square = followed * followed + ratio * max(omega * omega - followed * followed, 0.0)
-    return min(math.sqrt(square), max(INCOMPRESSIBLE, omega))
+    return ratio * max(omega * omega - followed * followed, 0.0)
 
 
 def breathing_damping(breathing: float, omega: float) -> float:
@@ -157,7 +165,8 @@ def put_modal_gains(
         written: `responses` are those of `oscillator_response` for each kind of mode, in regular
         and in degenerate states, and of a body that touches something, where the elasticity
         reduces the bounciness; `stiffnesses` are ω² of the regular ones; `volume_share` is the
-        share of the change of volume in the stiffness against it
+        share of the change of volume in the stiffness against it; `relaxation` and `compressible`
+        are those of `modal_flight.flattened_volume`
     body : BodyConfig
     step, reference_step : float
         h and h₀, s
@@ -174,7 +183,7 @@ def put_modal_gains(
     followed = natural_frequency((1.0 - beta) * alpha, reference_step)
     breathing = breathing_frequency(followed, omega, body.volume_conservation)
     record['stiffnesses'] = followed**2, (kappa * omega) ** 2, breathing**2
-    record['relaxation'] = -math.expm1(-omega * step)
+    record['relaxation'] = -math.expm1(-ADAPTATION * omega * step)
     regular, degenerate, touching = record['responses']
     least = body.damping**CRITICAL_DAMPING
     for responses, elasticity in ((regular, 1.0), (touching, body.elasticity)):
@@ -187,6 +196,10 @@ def put_modal_gains(
         )
     degenerate[FOLLOWED] = degenerate[BREATHING] = oscillator_response(omega, 1.0, step)
     degenerate[RESIDUAL] = oscillator_response(kappa * omega, 1.0, step)
+    unbounded = volume_stiffness(followed, omega, body.volume_conservation)
+    record['compressible'] = 1.0
+    if unbounded > 0.0:
+        record['compressible'] = (breathing**2 - followed**2) / unbounded
     if breathing > 0.0:
         record['volume_share'] = 1.0 - (followed / breathing) ** 2
 
