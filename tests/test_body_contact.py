@@ -109,7 +109,9 @@ MESHES = {
 @pytest.mark.parametrize('mode', MODES)
 @pytest.mark.parametrize('mesh', MESHES)
 def test_equal_bodies_rebound_alike_and_keep_what_is_to_be_kept(mesh, mode):
-    gap = 1.3 if mesh == 'bin' else 0.9
+    # so far apart that no deformable pair separates with friction that has two solutions: of these
+    # the order of contacts chooses one
+    gap = 1.28 if mesh == 'bin' else 0.88
     # turned, so that no corner meets an edge: there rounding chooses the face
     bodies = shared(mesh=MESHES[mesh], mode=mode, turned=True, gap=gap, offset=0.1)
     world = floating(*bodies, h=H)

@@ -2,7 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact: distances to obstacles, restitution, both laws of friction, moving obstacles."""
 
-from core_helpers import body, centre, momentum, random_rotation, rms_displacement, sheet
+from core_helpers import (
+    body,
+    centre,
+    enclosed_volume,
+    momentum,
+    random_rotation,
+    rms_displacement,
+    sheet,
+)
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -393,3 +401,80 @@ def test_the_fitted_velocity_of_a_body_at_rest_is_zero(mode):
     world.step(240)
     assert centre(world) == pytest.approx(before, abs=1e-4)
     assert world.rigid_fit('body').linear_velocity == pytest.approx(np.zeros(3), abs=1e-3)
+
+
+# ---------------------------------------------------------------------------------------- squeezes
+def closed_on(depth, seconds=0.2, hold=0.6, reference_step=1 / 120, **values):
+    """Return the world of a ball of 5 cm between two plates that have closed on it, and how."""
+    sides = {'left': -1.0, 'right': 1.0}
+    plates = [
+        ObstacleConfig(
+            name=name, type='box', size=(0.01, 0.2, 0.2), position=(side * 0.06, 0.0, 0.0)
+        )
+        for name, side in sides.items()
+    ]
+    ball = BodyConfig(
+        size=0.05, mass=0.2, subdivisions=3, position=(0.0, 0.0, 0.0),
+        friction_model='coulomb', friction=0.5, **values,
+    )  # fmt: skip
+    world = World(
+        WorldConfig(
+            time_step=H, reference_step=reference_step, gravity_magnitude=0.0,
+            bodies=(ball,), obstacles=tuple(plates),
+        )
+    )  # fmt: skip
+
+    def move(start, end, seconds):
+        ticks = round(seconds / H)
+        for tick in range(ticks):
+            gap = start + (end - start) * tick / ticks
+            for name, side in sides.items():
+                rate = (side * (end - start) / seconds, 0.0, 0.0)
+                world.move_obstacle(name, (side * (0.06 + gap), 0.0, 0.0), linear=rate)
+            world.step()
+        for name, side in sides.items():
+            world.move_obstacle(name, (side * (0.06 + end), 0.0, 0.0))
+
+    move(0.0, -0.05 * depth, seconds)
+    world.step(round(hold / H))
+    return world, move
+
+
+def relative_volume(world):
+    """Return the volume that a body encloses, relative to that at rest."""
+    surface = world.rest_shape('body').surface
+    return enclosed_volume(world.positions('body'), surface.faces) / enclosed_volume(
+        surface.vertices, surface.faces
+    )
+
+
+@pytest.mark.parametrize('hertz', [20, 300])
+@pytest.mark.parametrize('mode', MODES[1:])
+def test_a_squeezed_ball_bulges_and_keeps_its_volume_exactly(mode, hertz):
+    reference = np.arccos(0.75) / (2.0 * np.pi * hertz)
+    world, move = closed_on(0.5, mode=mode, stiffness=0.5, reference_step=reference)
+    assert relative_volume(world) == pytest.approx(1.0, abs=1e-3)
+    across = np.ptp(world.positions('body')[:, 1:], axis=0)
+    assert across.min() > 1.2 * 0.1
+    # it is the same as before when they have gone
+    move(-0.025, 0.01, 0.2)
+    world.step(240)
+    assert rms_displacement(world) < 1e-3
+    assert relative_volume(world) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_ball_of_less_volume_conservation_loses_more_volume():
+    volumes = [
+        relative_volume(closed_on(0.5, mode='quadratic', volume_conservation=share)[0])
+        for share in (0.0, 0.5, 0.9, 1.0)
+    ]
+    assert volumes == sorted(volumes)
+    assert volumes[1] < 0.8 < volumes[2] < 0.95 and volumes[3] > 0.999
+
+
+def test_a_squeeze_that_flattens_all_particles_ends_as_it_began():
+    world, move = closed_on(0.97, mode='quadratic')
+    assert np.isfinite(world.positions('body')).all()
+    move(-0.0485, 0.01, 0.2)
+    world.step(480)
+    assert rms_displacement(world) < 1e-3

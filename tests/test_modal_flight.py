@@ -84,8 +84,8 @@ class Flights(Flying):
         return modal_flight.fly(
             state.bodies, self.chosen(awake), state.shapes, state.weights, state.q, state.x,
             state.v, state.stretch, state.match_centre, state.match_posture, state.regions,
-            state.member, state.weighted_features, state.first_corner, state.corners,
-            state.normal_impulse, self.gravity, self.h,
+            state.member, state.weighted_features, state.faces, self.gravity,
+            self.h,
         )  # fmt: skip
 
     def flown(self, index=0):

@@ -64,14 +64,16 @@ BODY = np.dtype(
         ('responses', np.float64, (3, 3, 7)),
         ('stiffnesses', np.float64, (3,)),  # ω² of regular states, 1/s²
         ('volume_share', np.float64),  # of the stiffness against changes of volume
-        ('relaxation', np.float64),  # share of a change that is adopted in a tick
+        ('relaxation', np.float64),  # share of a change of it that is adopted in a tick
+        # how much the fit may lack of its volume, relative to what the enclosed one may lack
+        ('compressible', np.float64),
         ('pins_linear', np.float64, (3,)),  # m/s
         ('pins_angular', np.float64, (3,)),  # rad/s
         # applied wrench per mass, in world axes and in body axes: force, m/s², and torque, m²/s²
         ('has_wrench', np.bool_),
         ('wrench', np.float64, (2, 2, 3)),
         ('is_plastic', np.bool_),  # whether it has permanent deformation
-        # volume, of that at rest, by which contact has flattened it; halves as of `x`
+        # by which the volume of the fit is to be less than at rest, of that; halves as of `x`
         ('flattened', np.float64, (2,)),
         ('flowed', np.bool_),  # whether some is new in the tick being computed
         # results of the tick

@@ -59,7 +59,7 @@ class BodyState:
     obstacle_impulse : (O, 2, 3) float or None
         see `State`; None without contacts
     flattened : float
-        volume, of that at rest, by which contact has flattened it
+        volume, of that at rest, by which that of the fit is to be less while it is in contact
 
     """
 
@@ -126,8 +126,8 @@ class ShapeTable:
     regions : (Q,) REGION
     member, features, weighted_features : (m,) int, (4, m), (4, m) float
         members of all regions, see `Regions`
-    first_corner, corners : (M + 1,) int, (2, s) int
-        where the faces around each particle begin, and their other corners
+    faces : (f, 3) int
+        corners of all faces
 
     """
 
@@ -140,13 +140,15 @@ class ShapeTable:
             if body.pins is not None:
                 self._add(body.pins.rest, body.pins.regions)
         self.shapes = np.zeros(len(self.rests), SHAPE)
-        first = first_region = first_member = 0
+        first = first_region = first_member = first_face = 0
         records = [np.zeros(0, REGION)]
         for row, (rest, regions) in enumerate(zip(self.rests, self.regions_of, strict=True)):
             self.shapes[row] = rest.record()
             shape = self.shapes[row]
             shape['first'], first = first, first + rest.particle_count
             shape['first_region'] = first_region
+            shape['first_face'], shape['faces'] = first_face, len(rest.surface.faces)
+            first_face += len(rest.surface.faces)
             if regions is not None:
                 shape['regions'] = regions.count
                 first_region += regions.count
@@ -157,12 +159,8 @@ class ShapeTable:
         self.regions = np.concatenate(records)
         self.weights = np.concatenate([np.zeros(0), *(rest.weights for rest in self.rests)])
         self.q = _side_by_side(3, [rest.q for rest in self.rests])
-        stars = [rest.stars() for rest in self.rests]
-        counts = np.concatenate([np.zeros(1, np.int64), *(count for count, _ in stars)])
-        self.first_corner = np.cumsum(counts)
-        self.corners = np.concatenate(
-            [np.zeros((2, 0), np.int32), *(corners for _, corners in stars)], axis=1
-        )
+        faces = [rest.surface.faces.astype(np.int32) for rest in self.rests]
+        self.faces = np.concatenate([np.zeros((0, 3), np.int32), *faces])
         self.member = np.concatenate(
             [np.zeros(0, np.int64), *(regions.particle for regions in divided)]
         )
@@ -195,8 +193,7 @@ class State:
     ----------
     bodies : (B,) BODY
     table : ShapeTable
-        and its arrays: shapes, weights, regions, member, features, weighted_features,
-        first_corner, corners
+        and its arrays: shapes, weights, regions, member, features, weighted_features, faces
     q : (3, M + G) float
         that of the table, then, from `first_goal` of a body with regions or pins on, the goals of
         its particles, and the velocities of these: in the map of its flight they take the place
@@ -263,7 +260,7 @@ class State:
         self.shapes, self.weights, columns = table.shapes, table.weights, table.q.shape[1]
         self.regions, self.member = table.regions, table.member
         self.features, self.weighted_features = table.features, table.weighted_features
-        self.first_corner, self.corners = table.first_corner, table.corners
+        self.faces = table.faces
         pinned = [np.zeros(0, np.int64)]
         first_pin = 0
         for record, body in zip(self.bodies, bodies, strict=True):

@@ -153,8 +153,7 @@ class Integrator:
         matches = state.stretch, state.match_centre, state.match_posture, state.regions
         failed = modal_flight.fly(
             state.bodies, chosen[~to_goals], *shapes, *matches, state.member,
-            state.weighted_features, state.first_corner, state.corners, state.normal_impulse,
-            gravity, h,
+            state.weighted_features, state.faces, gravity, h,
         ) or goal_flight.fly_to_goals(
             state.bodies, chosen[to_goals], *shapes, *matches, state.member, state.features,
             state.weighted_features, state.pinned, gravity, h,

@@ -166,9 +166,7 @@ def begin_members(
         scale = shape['scale']
         put_member(member, body, shape, chosen[number], h)
         member['margin'] = (SOFT_MARGIN if member['is_soft'] else MARGIN) * scale
-        rate = applied(
-            matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum'])
-        )
+        rate = applied(matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum']))
         turning = norm(rate) + norm(vector_of(member['carried']))
         member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
         member['nearby'] = member['margin']

@@ -22,6 +22,9 @@ CRITICAL_DAMPING = 4
 """Power of `damping` that is the least damping ratio: next to nothing, but critical for what keeps
 no velocity. Undamped, even that would swing to the other side in a tick of more than a quarter of
 its period."""
+ADAPTATION = 0.2
+"""Rate, in ω, of the volume of the fit towards that with which the enclosed volume is that at
+rest. Slow beside an impact: control with a delay could feed energy into swings."""
 SMALL_PHASE = 0.5
 """ω h below which a power series is exact and differences lose digits."""
 FOLLOWED, RESIDUAL, BREATHING = 0, 1, 2
@@ -103,9 +106,14 @@ def breathing_frequency(followed: float, omega: float, conservation: float) -> f
     Its square is that of modes that the goal follows without conservation, grows by all of that of
     the stiffness at a half, and tends to that of incompressible bodies, which is bounded.
     """
+    square = followed * followed + volume_stiffness(followed, omega, conservation)
+    return min(math.sqrt(square), max(INCOMPRESSIBLE, KAPPA * omega))
+
+
+def volume_stiffness(followed: float, omega: float, conservation: float) -> float:
+    """Return what conservation adds to the square of the frequency of changes of volume, 1/s²."""
     ratio = conservation / max(1.0 - conservation, 1e-12)
-    square = followed * followed + ratio * max(omega * omega - followed * followed, 0.0)
-    return min(math.sqrt(square), max(INCOMPRESSIBLE, omega))
+    return ratio * max(omega * omega - followed * followed, 0.0)
 
 
 def breathing_damping(breathing: float, omega: float) -> float:
@@ -174,14 +182,15 @@ def _put_modal_gains(
     `responses` are those of `oscillator_response` for each kind of mode, in regular and in
     degenerate states, and of a body that touches something, where the elasticity reduces the
     bounciness; `stiffnesses` are ω² of the regular ones; `volume_share` is the share of the change
-    of volume in the stiffness against it.
+    of volume in the stiffness against it; `relaxation` and `compressible` are those of
+    `modal_flight.flattened_volume`.
     """
     alpha, beta = body.stiffness, body.deformation
     omega = natural_frequency(alpha, reference_step)
     followed = natural_frequency((1.0 - beta) * alpha, reference_step)
     breathing = breathing_frequency(followed, omega, body.volume_conservation)
     record['stiffnesses'] = followed**2, (kappa * omega) ** 2, breathing**2
-    record['relaxation'] = -math.expm1(-omega * step)
+    record['relaxation'] = -math.expm1(-ADAPTATION * omega * step)
     regular, degenerate, touching = record['responses']
     for responses, zeta in ((regular, _damping(body, 1.0)), (touching, _damping(body))):
         residual = max(zeta, LEAST_RESIDUAL_DAMPING)
@@ -192,6 +201,10 @@ def _put_modal_gains(
         )
     degenerate[FOLLOWED] = degenerate[BREATHING] = oscillator_response(omega, 1.0, step)
     degenerate[RESIDUAL] = oscillator_response(kappa * omega, 1.0, step)
+    unbounded = volume_stiffness(followed, omega, body.volume_conservation)
+    record['compressible'] = 1.0
+    if unbounded > 0.0:
+        record['compressible'] = (breathing**2 - followed**2) / unbounded
     if breathing > 0.0:
         record['volume_share'] = 1.0 - (followed / breathing) ** 2
 

@@ -231,6 +231,16 @@ def volume_gradient(transform: np.ndarray, form: np.ndarray, result: np.ndarray)
 
 
 @helper
+def relative_volume(transform: np.ndarray, shape: np.void, gradient: np.ndarray) -> float:
+    """Return the volume of goals relative to that at rest, and write its gradient."""
+    if len(transform) == LINEAR:
+        volume_gradient(transform, shape['volume_linear'], gradient)
+    else:
+        volume_gradient(transform, shape['volume_quadratic'], gradient)
+    return scalar_product(gradient, transform) / 3.0
+
+
+@helper
 def move_to_rest_volume(
     transform: np.ndarray,
     shape: np.void,
@@ -268,13 +278,11 @@ def move_to_rest_volume(
         return 1.0
     before, target = 1.0, cube_root(rest_volume)
     for step in range(VOLUME_STEPS):
+        volume = relative_volume(nearest, shape, gradient)
         if len(transform) == LINEAR:
-            volume_gradient(nearest, shape['volume_linear'], gradient)
             multiply(shape['inverse_linear'], gradient, direction)
         else:
-            volume_gradient(nearest, shape['volume_quadratic'], gradient)
             multiply(shape['inverse_quadratic'], gradient, direction)
-        volume = scalar_product(gradient, nearest) / 3.0
         if step == 0:
             before = volume
         slope = max(scalar_product(gradient, direction), LEAST_SLOPE)

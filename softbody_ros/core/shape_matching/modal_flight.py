@@ -99,6 +99,7 @@ from softbody_ros.core.shape_matching.matching import (
     mixed_products,
     move_to_rest_volume,
     multiply,
+    relative_volume,
     scalar_product,
     scale_transform,
     squares,
@@ -159,9 +160,7 @@ def fly(
     regions: np.ndarray,
     region_members: np.ndarray,
     weighted_features: np.ndarray,
-    first_corner: np.ndarray,
-    corners: np.ndarray,
-    normal_impulse: np.ndarray,
+    faces: np.ndarray,
     gravity: np.ndarray,
     h: float,
 ) -> int:
@@ -183,11 +182,8 @@ def fly(
         plastic states of all matches
     match_centre, match_posture : (S, 3), (S, 3, 3) float
         written: centres, m, and linear maps of offsets, of the matched shapes x̂
-    regions, region_members, weighted_features, first_corner, corners
-        regions, for the places of those of rigid bodies, and faces around particles, see
-        `ShapeTable`
-    normal_impulse : (2, N) float
-        of contacts at particles, see `contact.exchange`: those with one are flattened
+    regions, region_members, weighted_features, faces
+        regions, for the places of those of rigid bodies, and faces, see `ShapeTable`
     gravity : (3,) float
         m/s²
     h : float
@@ -223,14 +219,7 @@ def fly(
         put_vector(body['origin'], origin)
         put_vector(body['start_centre'], centre)
         undeformed = match(body, shape, stretch, match_posture, scratch)
-        flattened = 0.0
-        if shape['enclosed'] > 0.0 and body['touches'][now] > 0 and body['mode'] != RIGID:
-            flattened = flattened_volume(
-                body, shape, q, x0, centre, scratch[2], first_corner, corners, normal_impulse[now]
-            )
-        # gradually: at once, patches and the volume would excite each other
-        change = body['relaxation'] * (flattened - body['flattened'][now])
-        flattened = body['flattened'][now] + change
+        flattened = flattened_volume(body, shape, x0, centre, faces, scratch)
         body['flattened'][1 - now] = flattened
         find_rest_volume(body, shape, stretch, match_posture, flattened, scratch)
         drift = solve(
@@ -367,63 +356,69 @@ def match(
 def flattened_volume(
     body: np.void,
     shape: np.void,
-    q: np.ndarray,
     x: np.ndarray,
     centre: Vector,
-    fitted: np.ndarray,
-    first_corner: np.ndarray,
-    corners: np.ndarray,
-    normal_impulse: np.ndarray,
+    faces: np.ndarray,
+    scratch: np.ndarray,
 ) -> float:
     """
-    Return the volume by which residuals of particles in contact change that of the fit.
+    Return by how much less than at rest the volume of the fit is to be, relative to that.
 
-    That is, relative to the rest volume, the difference of the volumes below the faces around
-    particles with a normal force, where these are and in the fit. In rest only these have a
-    residual; that of others, which vanishes within few ticks, is left out.
+    While a body touches something, the volume that it encloses is to be that at rest; residuals of
+    particles in contact change it, and forces compress it. An integral control: at once, patches
+    and the volume would excite each other. Of compressible bodies it makes up only for what
+    residuals change.
 
     Parameters
     ----------
     body, shape : BODY, SHAPE
-    q, x : (3, M), (3, N) float
-        rest positions, and positions, m
+    x : (3, N) float
+        m
     centre : vector
         of mass, m
-    fitted : (F, 3) float
-        the fit
-    first_corner, corners
+    faces : (f, 3) int
         see `ShapeTable`
-    normal_impulse : (N,) float
+    scratch : (10, F, 3) float
+        after `match`; written: the sixth
 
     """
-    total, first, rest = 0.0, body['first'], shape['first']
-    for i in range(body['count']):
-        if normal_impulse[first + i] == 0.0:
-            continue
-        fit_i = fitted_position(fitted, shape, q, rest + i)
-        own = scaled(1.0 / shape['scale'], minus(column_of(x, first + i), centre))
-        for star in range(first_corner[rest + i], first_corner[rest + i + 1]):
-            j, k = corners[0, star], corners[1, star]
-            fit_j = fitted_position(fitted, shape, q, rest + j)
-            fit_k = fitted_position(fitted, shape, q, rest + k)
-            at_j, at_k, counted = fit_j, fit_k, True
-            if normal_impulse[first + j] != 0.0:
-                # each face once
-                counted = i < j
-                at_j = scaled(1.0 / shape['scale'], minus(column_of(x, first + j), centre))
-            if normal_impulse[first + k] != 0.0:
-                counted = counted and i < k
-                at_k = scaled(1.0 / shape['scale'], minus(column_of(x, first + k), centre))
-            if counted:
-                total += dot(own, cross(at_j, at_k)) - dot(fit_i, cross(fit_j, fit_k))
-    change = total / (6.0 * shape['enclosed'])
-    return min(max(change, -MOST_FLATTENED), MOST_FLATTENED)
+    now = body['now']
+    flattened, lacking = body['flattened'][now], 0.0
+    if body['touches'][now] > 0 and shape['enclosed'] > 0.0 and body['mode'] != RIGID:
+        lacking = enclosed_volume(body, shape, x, centre, faces) - 1.0
+        fitted = relative_volume(scratch[2], shape, scratch[5])
+        lacking += body['compressible'] * (1.0 - fitted - flattened)
+    else:
+        lacking = -flattened
+    flattened += body['relaxation'] * lacking
+    return min(max(flattened, -MOST_FLATTENED), MOST_FLATTENED)
 
 
 @helper
-def fitted_position(fitted: np.ndarray, shape: np.void, q: np.ndarray, i: int) -> Vector:
-    """Return T f at a particle of the rest shapes."""
-    return with_features(ZERO, fitted, len(fitted) > LINEAR, shape, q, i)
+def enclosed_volume(
+    body: np.void, shape: np.void, x: np.ndarray, centre: Vector, faces: np.ndarray
+) -> float:
+    """
+    Return the volume that a body with a closed surface encloses, relative to that at rest.
+
+    Parameters
+    ----------
+    body, shape : BODY, SHAPE
+    x : (3, N) float
+        m
+    centre : vector
+        of mass, m
+    faces : (f, 3) int
+        see `ShapeTable`
+
+    """
+    total, first = 0.0, body['first']
+    for face in range(shape['first_face'], shape['first_face'] + shape['faces']):
+        a = minus(column_of(x, first + faces[face, 0]), centre)
+        b = minus(column_of(x, first + faces[face, 1]), centre)
+        c = minus(column_of(x, first + faces[face, 2]), centre)
+        total += dot(a, cross(b, c))
+    return total / (6.0 * shape['enclosed'] * shape['scale'] * shape['scale'] * shape['scale'])
 
 
 @helper

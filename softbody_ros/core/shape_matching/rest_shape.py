@@ -24,6 +24,8 @@ SHAPE = np.dtype(
         ('count', np.int64),
         ('first_region', np.int64),
         ('regions', np.int64),
+        ('first_face', np.int64),  # its faces in those of all
+        ('faces', np.int64),
         ('scale', np.float64),
         ('enclosed', np.float64),  # volume, in units of scale³; 0 of open surfaces
         ('centre', np.float64, (3,)),
@@ -125,24 +127,6 @@ class RestShape:
             return 0.0
         a, b, c = (self.q[:, corner] for corner in self.surface.faces.T)
         return float((np.cross(a, b, axis=0) * c).sum() / 6.0)
-
-    def stars(self) -> tuple[np.ndarray, np.ndarray]:
-        """
-        Return the faces around each particle of a closed surface.
-
-        Returns
-        -------
-        count : (n,) int
-            their number; 0 of an open surface
-        corners : (2, s) int
-            the other two corners of each, anticlockwise, particle by particle
-
-        """
-        faces = self.surface.faces if self.surface.closed else self.surface.faces[:0]
-        own = faces.T.ravel()
-        others = np.stack([np.roll(faces, -turn, axis=1).T.ravel() for turn in (1, 2)])
-        count = np.bincount(own, minlength=self.particle_count)
-        return count, others[:, np.argsort(own, kind='stable')].astype(np.int32)
 
     @property
     def particle_count(self) -> int:
