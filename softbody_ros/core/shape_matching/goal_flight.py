@@ -57,7 +57,6 @@ from softbody_ros.core.geometry.vectors import (
     combined,
     cross,
     cross_matrix,
-    dot,
     matrix_of,
     minus,
     outer,
@@ -90,14 +89,15 @@ from softbody_ros.core.shape_matching.matching import (
     squares,
 )
 from softbody_ros.core.shape_matching.modal_flight import (
-    TURN_CONVERGED,
-    TURN_STEPS,
     blended_response,
     centrifugal_field,
     put_map,
     put_region_matches,
+    put_turned,
+    rotate,
     rotation_by,
     turned,
+    wrench_in,
     write,
 )
 from softbody_ros.core.shape_matching.moments import (
@@ -486,10 +486,9 @@ def advance(
     """
     scale, kept, is_soft = shape['scale'], body['kept_velocity'], body['mode'] != RIGID
     # the wrench in the axes at the start, per mass
-    wrench, force, torque = body['wrench'], ZERO, ZERO
+    force, torque = ZERO, ZERO
     if body['has_wrench']:
-        force = plus(vector_of(wrench[0, 0]), applied(posture, vector_of(wrench[1, 0])))
-        torque = plus(vector_of(wrench[0, 1]), applied(posture, vector_of(wrench[1, 1])))
+        force, torque = wrench_in(body, posture)
     field = acceleration_field(body, motion, plus(gravity, force), torque, scale)
     a, b, c, d, given, given_v, left = blended_response(body, RESIDUAL)
     # p = P₀ + P r + Q u + T g + W u_g, and the same of s, with u = v − V
@@ -514,28 +513,13 @@ def advance(
             start_speed = minus(start_speed, moments.mean_s)
     pp, internal = moments.pp, moments.pxs
 
-    # rotation of the free rigid body by the midpoint rule
     middle = inverse_about(motion.allowed, combined(0.5, motion.gram, 0.5, pp), scale, THIN)
     arm = scaled(0.5, plus(motion.mass_offset, moments.mean_p))
-    rate, spin, moment = applied(middle, motion.spin), motion.spin, torque
-    for _ in range(TURN_STEPS):
-        turn = rotation_by(scaled(0.5 * h, rate))
-        if body['has_wrench']:
-            axes = product(turn, posture)
-            force = plus(vector_of(wrench[0, 0]), applied(axes, vector_of(wrench[1, 0])))
-            torque = plus(vector_of(wrench[0, 1]), applied(axes, vector_of(wrench[1, 1])))
-        moment = torque
-        if body['pins'] > 0:
-            moment = plus(moment, cross(applied(turn, arm), plus(gravity, force)))
-        before = rate
-        rate = applied_transposed(turn, along(spin, 0.5 * h, moment))
-        rate = applied(turn, applied(middle, rate))
-        change = minus(rate, before)
-        if dot(change, change) <= TURN_CONVERGED * TURN_CONVERGED * dot(rate, rate):
-            break
-    turn, acceleration = rotation_by(scaled(h, rate)), plus(gravity, force)
+    if body['pins'] == 0:
+        arm = ZERO
+    turn, acceleration, moment = rotate(body, posture, middle, motion.spin, arm, gravity, h)
     after = inverse_about(motion.allowed, pp, scale, INERTIA_CUT)
-    spin = applied_transposed(turn, along(spin, h, moment))
+    spin = applied_transposed(turn, along(motion.spin, h, moment))
     rate = applied(after, minus(spin, internal))
     if body['pins'] == 0:
         spin = plus(applied(inertia_of(pp), rate), internal)
@@ -549,11 +533,7 @@ def advance(
         velocity = along(velocity, h, acceleration)
 
     put_motion(body, centre, velocity, applied(turn, spin), turned(turn, after))
-    put_matrix(body['turn'], turn)
-    put_matrix(body['start_inverse_inertia'], turned(turn, motion.inverse))
-    put_matrix(body['second_moments'], turned(turn, pp))
-    put_vector(body['inner_momentum'], applied(turn, internal))
-    put_vector(body['angular_velocity'], applied(turn, rate))
+    put_turned(body, turn, motion.inverse, pp, internal, rate)
     put_vector(body['carried'], motion.carried)
     put_matrix(body['allowed'], turned(carry, motion.allowed))
 

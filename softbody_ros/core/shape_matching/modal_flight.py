@@ -588,26 +588,9 @@ def solve(
     else:
         multiply(shape['gram'], of_s, gram_s)
 
-    # rotation of the free rigid body by the midpoint rule; L is constant, but for the torque
     middle = inverse_inertia_of(combined(0.5, second.rr, 0.5, pp), scale)
-    force, torque, wrench = ZERO, ZERO, body['wrench']
     posture = rotation_of(undeformed) if body['has_wrench'] else IDENTITY
-    rate = applied(middle, spin)
-    for _ in range(TURN_STEPS):
-        turn = rotation_by(scaled(0.5 * h, rate))
-        if body['has_wrench']:
-            axes = product(turn, posture)
-            force = plus(vector_of(wrench[0, 0]), applied(axes, vector_of(wrench[1, 0])))
-            torque = plus(vector_of(wrench[0, 1]), applied(axes, vector_of(wrench[1, 1])))
-        before = rate
-        rate = applied_transposed(turn, along(spin, 0.5 * h, torque))
-        rate = applied(turn, applied(middle, rate))
-        change = minus(rate, before)
-        if dot(change, change) <= TURN_CONVERGED * TURN_CONVERGED * dot(rate, rate):
-            break
-    turn = rotation_by(scaled(h, rate))
-    acceleration = plus(gravity, force)
-
+    turn, acceleration, torque = rotate(body, posture, middle, spin, ZERO, gravity, h)
     after = inverse_inertia_of(pp, scale)
     spin = applied_transposed(turn, along(spin, h, torque))
     rate = applied(after, minus(spin, internal))
@@ -615,11 +598,7 @@ def solve(
     start = plus(origin, mean)
     centre = along(along(start, h, velocity), 0.5 * h * h, acceleration)
     put_motion(body, centre, along(velocity, h, acceleration), spin, turned(turn, after))
-    put_matrix(body['turn'], turn)
-    put_matrix(body['start_inverse_inertia'], turned(turn, inverse))
-    put_matrix(body['second_moments'], turned(turn, pp))
-    put_vector(body['inner_momentum'], applied(turn, internal))
-    put_vector(body['angular_velocity'], applied(turn, rate))
+    put_turned(body, turn, inverse, pp, internal, rate)
 
     # p and s + ω' × p as linear maps of r, v − V and f; then of y = x − origin, v and f
     rotating = cross_matrix(rate)
@@ -660,6 +639,76 @@ def solve(
     for f in range(len(of_x)):
         put_vector(of_r[f], vector_of(body['map'][1, 7 + f]))
     return vector_of(body['map'][1, 0])
+
+
+@helper
+def wrench_in(body: np.void, axes: Matrix) -> tuple[Vector, Vector]:
+    """Return force, m/s², and torque, m²/s², on a body with given axes, per mass."""
+    wrench = body['wrench']
+    force = plus(vector_of(wrench[0, 0]), applied(axes, vector_of(wrench[1, 0])))
+    return force, plus(vector_of(wrench[0, 1]), applied(axes, vector_of(wrench[1, 1])))
+
+
+@helper
+def rotate(
+    body: np.void,
+    posture: Matrix,
+    inverse: Matrix,
+    spin: Vector,
+    arm: Vector,
+    gravity: Vector,
+    h: float,
+) -> tuple[Matrix, Vector, Vector]:
+    """
+    Return the rotation of the free rigid body in the tick by the midpoint rule.
+
+    Parameters
+    ----------
+    body : BODY
+    posture : matrix
+        its axes at the start
+    inverse : matrix
+        inverse inertia at the middle, in axes that turn, 1/m²
+    spin : vector
+        angular momentum, which is constant but for the torque, per mass, m²/s
+    arm : vector
+        from what the body turns about to the centre of mass, m
+    gravity : vector
+        m/s²
+
+    Returns
+    -------
+    turn : matrix
+    acceleration, torque : vector
+        by gravity and the wrench, m/s² and, about what it turns about, m²/s²
+
+    """
+    rate, acceleration, torque = applied(inverse, spin), gravity, ZERO
+    for _ in range(TURN_STEPS):
+        turn = rotation_by(scaled(0.5 * h, rate))
+        if body['has_wrench']:
+            force, torque = wrench_in(body, product(turn, posture))
+            acceleration = plus(gravity, force)
+        moment = plus(torque, cross(applied(turn, arm), acceleration))
+        before = rate
+        rate = applied_transposed(turn, along(spin, 0.5 * h, moment))
+        rate = applied(turn, applied(inverse, rate))
+        change = minus(rate, before)
+        if dot(change, change) <= TURN_CONVERGED * TURN_CONVERGED * dot(rate, rate):
+            break
+    return rotation_by(scaled(h, rate)), acceleration, moment
+
+
+@helper
+def put_turned(
+    body: np.void, turn: Matrix, inverse: Matrix, pp: Matrix, internal: Vector, rate: Vector
+) -> None:
+    """Write what contact needs of a flight, from axes that turn with the body."""
+    put_matrix(body['turn'], turn)
+    put_matrix(body['start_inverse_inertia'], turned(turn, inverse))
+    put_matrix(body['second_moments'], turned(turn, pp))
+    put_vector(body['inner_momentum'], applied(turn, internal))
+    put_vector(body['angular_velocity'], applied(turn, rate))
 
 
 @helper
