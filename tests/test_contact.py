@@ -478,3 +478,12 @@ def test_a_squeeze_that_flattens_all_particles_ends_as_it_began():
     move(-0.0485, 0.01, 0.2)
     world.step(480)
     assert rms_displacement(world) < 1e-3
+
+
+def test_what_the_solution_takes_is_counted():
+    world = on_ground(body(position=(0.0, 0.0, 0.6)))
+    world.step(10)
+    assert world.solver_work == (0, 0, 0)
+    world.step(120)
+    assert world.solver_work.sweeps > 0
+    assert world.solver_work.unsolved == 0

@@ -176,6 +176,8 @@ def test_diagnostics_say_what_the_simulation_does(graph):
     assert float(values['real-time factor']) > 0.0
     assert float(values['step time (ms)']) > 0.0
     assert float(values['dropped time (s)']) >= 0.0
+    assert float(values['contact solver sweeps (1/tick)']) >= 0.0
+    assert values['contact problems not solved to tolerance'] == '0'
     frequency = math.acos(1 - 0.5 / 2) * 120 / (2 * math.pi)
     assert float(values['ball frequency (Hz)']) == pytest.approx(frequency, rel=1e-3)
     assert float(values['ball damping ratio']) == pytest.approx(0.2155, abs=1e-3)

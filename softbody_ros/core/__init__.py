@@ -39,7 +39,7 @@ from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.mean_wrenches import MeanWrenches
 from softbody_ros.core.rigid_fit import RigidFit
-from softbody_ros.core.step import SimulationError
+from softbody_ros.core.step import SimulationError, SolverWork
 from softbody_ros.core.world import Snapshot, World
 
 __all__ = [
@@ -55,6 +55,7 @@ __all__ = [
     'RigidFit',
     'SimulationError',
     'Snapshot',
+    'SolverWork',
     'Surface',
     'World',
     'WorldConfig',

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -85,6 +86,16 @@ class Environment:
             record['obstacle'], record['centre'] = each.obstacle, each.centre
             record['linear'], record['angular'] = each.velocity, each.angular_velocity
         return sets
+
+
+class SolverWork(NamedTuple):
+    """What the solution of contacts has taken so far."""
+
+    sweeps: int
+    """of Gauss–Seidel over the contacts of an island"""
+    newton_steps: int
+    unsolved: int
+    """problems, of an island's positions or velocities, not solved to tolerance in time"""
 
 
 class Integrator:

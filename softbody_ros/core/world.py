@@ -52,7 +52,7 @@ from softbody_ros.core.shape_matching.rest_shape import (
     weighted_mean,
 )
 from softbody_ros.core.state import Body, BodyState, ObstacleTotals, State
-from softbody_ros.core.step import Environment, Integrator, SimulationError
+from softbody_ros.core.step import Environment, Integrator, SimulationError, SolverWork
 
 START_STATE = (
     'position',
@@ -985,6 +985,11 @@ class World:
     def velocities(self, name: str) -> np.ndarray:
         """Return (n, 3) float: a copy of the velocities, m/s."""
         return self._state.velocities(self._index_of(name)).T.copy()
+
+    @property
+    def solver_work(self) -> SolverWork:
+        """What the solution of contacts has taken since bodies were last added or removed."""
+        return SolverWork(*self._integrator.work.tolist())
 
     def is_asleep(self, name: str) -> bool:
         """Return whether a body is asleep: at rest, and not simulated until it is woken."""

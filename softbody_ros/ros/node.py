@@ -231,7 +231,7 @@ class SimNode(Node):
 
     # -------------------------------------------------------------------------------------- time
     def _start_clocks(self) -> None:
-        self._counted = _Counters(time.perf_counter(), 0, 0.0, 0.0, 0.0)
+        self._counted = _Counters(time.perf_counter(), 0, 0.0, 0.0, 0.0, 0, 0, 0)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         # one timer for wall time and /clock: it reads the clock of the node
         period = max(self._world.config.time_step, SHORTEST_PERIOD)
@@ -416,6 +416,7 @@ class SimNode(Node):
             self._stepper.busy,
             self._publish_seconds,
             self._stepper.dropped,
+            *self._world.solver_work,
         )
         last, self._counted = self._counted, now
         level, summary = self._state()
@@ -428,6 +429,10 @@ class SimNode(Node):
         seconds = now.wall - last.wall
         ticks = max(now.tick - last.tick, 0)
         dropped = now.dropped - last.dropped
+
+        def per_tick(counted: int, before: int) -> float:
+            return max(counted - before, 0) / max(ticks, 1)
+
         if dropped > 0.0:
             level = max(level, DiagnosticStatus.WARN)
             summary += f', too slow: {dropped / seconds:.0%} of the time dropped'
@@ -438,6 +443,9 @@ class SimNode(Node):
             'dropped time (s)': f'{now.dropped:.3f}',
             'lag behind the clock (s)': f'{self._stepper.lag(self._now()):.3f}',
             'history (MiB)': f'{self._stepper.history.nbytes / MEBIBYTE:.1f}',
+            'contact solver sweeps (1/tick)': f'{per_tick(now.sweeps, last.sweeps):.1f}',
+            'contact solver Newton steps (1/tick)': f'{per_tick(now.newton, last.newton):.1f}',
+            'contact problems not solved to tolerance': str(max(now.unsolved - last.unsolved, 0)),
             'tick': str(now.tick),
             'simulated time (s)': f'{self._world.time:.3f}',
         }
@@ -481,6 +489,10 @@ class _Counters:
     busy: float
     publishing: float
     dropped: float
+    # of contacts, since bodies were last added or removed
+    sweeps: int
+    newton: int
+    unsolved: int
 
 
 def run(stop: threading.Event) -> int:
