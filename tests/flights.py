@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bodies that nothing touches, for tests of the kernels that move them, and matches in NumPy."""
 
+import itertools
+
 from core_helpers import random_rotation
 import numpy as np
 
@@ -82,3 +84,41 @@ def inertia(w, arms):
 def inverse_inertia(w, arms):
     """Return its pseudo-inverse."""
     return np.linalg.pinv(inertia(w, arms), rcond=1e-12, hermitian=True)
+
+
+# --------------------------------------------------------------------------------- of any flight
+def assert_as_alone(together, alone_of, ticks):
+    """Bodies side by side fly as alone, to the last bit; `alone_of` makes the flight of one."""
+    together.step(ticks)
+    for index, own in enumerate(together.bodies):
+        alone = alone_of(own.config)
+        disturb(alone, seed=index)
+        alone.step(ticks)
+        assert np.array_equal(alone.positions(), together.positions(index))
+        assert np.array_equal(alone.velocities(), together.velocities(index))
+
+
+def assert_writes_the_other_half(flights, awake):
+    """A tick writes the other half of those that are awake, and nothing else."""
+    x, v = flights.state.x.copy(), flights.state.v.copy()
+    assert flights.fly(awake) == 0
+    for index, record in enumerate(flights.state.bodies):
+        columns = flights.state.columns(index)
+        for field, before in ((flights.state.x, x), (flights.state.v, v)):
+            same = [np.array_equal(field[k, :, columns], before[k, :, columns]) for k in range(2)]
+            assert same[record['now']]
+            assert same[1 - record['now']] == (index not in awake)
+
+
+def assert_refuses_what_is_not_finite(three):
+    """Numbers that are not finite are refused, with their body; `three` makes three bodies."""
+    for field, bad in itertools.product('xv', (np.nan, np.inf, -1e300)):
+        flights = three()
+        for index in range(3):
+            disturb(flights, index, seed=index)
+        first = flights.state.bodies['first'][1]
+        getattr(flights.state, field)[0, 1, first + 7] = bad
+        with np.errstate(all='ignore'):
+            assert flights.fly() == 2
+        assert not flights.state.bodies['now'].any()
+        assert flights.fly([0, 2]) == 0

@@ -9,7 +9,17 @@ Bodies are so small that all of it also runs as plain Python, with NUMBA_DISABLE
 import itertools
 
 from core_helpers import body, cloud, random_rotation, sheet
-from flights import Flying, disturb, inertia, inverse_inertia, nearest_rotation, pebble
+from flights import (
+    Flying,
+    assert_as_alone,
+    assert_refuses_what_is_not_finite,
+    assert_writes_the_other_half,
+    disturb,
+    inertia,
+    inverse_inertia,
+    nearest_rotation,
+    pebble,
+)
 from kernels import of_rest_volume
 import numpy as np
 import pytest
@@ -438,24 +448,8 @@ def several():
     return flights
 
 
-def halves(state):
-    """Return copies of what is now of positions and velocities of all bodies, and what is not."""
-    return [
-        [np.stack([a[n ^ half, :, state.columns(i)] for a in (state.x, state.v)])
-         for i, n in enumerate(state.bodies['now'])]
-        for half in (0, 1)
-    ]  # fmt: skip
-
-
 def test_bodies_fly_side_by_side_as_alone_to_the_last_bit():
-    together = several()
-    together.step(2)
-    for index, own in enumerate(together.bodies):
-        alone = Flights(own.config, gravity=GRAVITY)
-        disturb(alone, seed=index)
-        alone.step(2)
-        assert np.array_equal(alone.positions(), together.positions(index))
-        assert np.array_equal(alone.velocities(), together.velocities(index))
+    assert_as_alone(several(), lambda config: Flights(config, gravity=GRAVITY), ticks=2)
 
 
 def test_a_tick_writes_the_other_half_of_those_that_are_awake_and_nothing_else():
@@ -464,15 +458,8 @@ def test_a_tick_writes_the_other_half_of_those_that_are_awake_and_nothing_else()
     flights.state.bodies['now'][[1, 4]] ^= 1  # as if they had slept
     flights.put(*rigid_state(flights.bodies[1].rest, 1), index=1)
     flights.put(*rigid_state(flights.bodies[4].rest, 1), index=4)
-    now, other = halves(flights.state)
-    awake = [0, 2, 3]
-    assert flights.fly(awake) == 0
-    now_after, other_after = halves(flights.state)
-    assert all(map(np.array_equal, now, now_after))
-    changed = [not np.array_equal(*each) for each in zip(other, other_after, strict=True)]
-    assert changed == [index in awake for index in range(6)]
-    flights.fly([])
-    assert all(map(np.array_equal, other_after, halves(flights.state)[1]))
+    assert_writes_the_other_half(flights, [0, 2, 3])
+    assert_writes_the_other_half(several(), [])
 
 
 VALUES = {'pins_indices': (0,)}, {'regions_count': 3}
@@ -483,26 +470,12 @@ VALUES = {'pins_indices': (0,)}, {'regions_count': 3}
     [('rigid', {'pins_indices': (0,)}), *itertools.product(SOFT, VALUES)],
 )
 def test_numbers_that_are_not_finite_are_refused(mode, values):
-    for field, bad in itertools.product('xv', (np.nan, np.inf, -1e300)):
-        flights = Flights(*[body(pebble(), mode=mode, **values)] * 3)
-        for index in range(3):
-            disturb(flights, index, seed=index)
-        first = flights.state.bodies['first'][1]
-        getattr(flights.state, field)[0, 1, first + 7] = bad
-        now = halves(flights.state)[0]
-        with np.errstate(all='ignore'):
-            assert flights.fly() == 2
-        assert not flights.state.bodies['now'].any()
-        for before, after in zip(now, halves(flights.state)[0], strict=True):
-            assert np.array_equal(before, after, equal_nan=True)
-        assert flights.fly([0, 2]) == 0
+    assert_refuses_what_is_not_finite(lambda: Flights(*[body(pebble(), mode=mode, **values)] * 3))
 
 
 def test_a_wrench_that_is_not_finite_is_refused():
     flights = Flights(body(pebble(), regions_count=2))
     disturb(flights)
     flights.state.bodies['has_wrench'], flights.state.bodies['wrench'][0, 0, 1, 0] = True, np.inf
-    now = halves(flights.state)[0]
     with np.errstate(all='ignore'):
         assert flights.fly() == 1
-    assert np.array_equal(now, halves(flights.state)[0])

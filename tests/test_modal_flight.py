@@ -20,7 +20,17 @@ from core_helpers import (
     stretch,
     wrinkle,
 )
-from flights import Flying, disturb, inertia, inverse_inertia, nearest_rotation, pebble
+from flights import (
+    Flying,
+    assert_as_alone,
+    assert_refuses_what_is_not_finite,
+    assert_writes_the_other_half,
+    disturb,
+    inertia,
+    inverse_inertia,
+    nearest_rotation,
+    pebble,
+)
 from kernels import of_rest_volume
 import numpy as np
 import pytest
@@ -957,40 +967,18 @@ def several():
 
 
 def test_bodies_fly_side_by_side_as_alone_to_the_last_bit():
-    together = several()
-    together.step(5)
-    for index, own in enumerate(together.bodies):
-        alone = Flights(own.config, gravity=GRAVITY)
-        disturb(alone, seed=index)
-        alone.step(5)
-        assert np.array_equal(alone.positions(), together.positions(index))
-        assert np.array_equal(alone.velocities(), together.velocities(index))
+    assert_as_alone(several(), lambda config: Flights(config, gravity=GRAVITY), ticks=5)
 
 
 def test_a_tick_writes_the_other_half_of_those_that_are_awake_and_nothing_else():
     flights = several()
     flights.step()
-    x, v = flights.state.x.copy(), flights.state.v.copy()
-    assert flights.fly([0, 3]) == 0
-    for index, record in enumerate(flights.state.bodies):
-        columns = flights.state.columns(index)
-        for field, before in ((flights.state.x, x), (flights.state.v, v)):
-            same = [np.array_equal(field[k, :, columns], before[k, :, columns]) for k in range(2)]
-            assert same[record['now']]
-            assert same[1 - record['now']] == (index not in (0, 3))
+    assert_writes_the_other_half(flights, [0, 3])
 
 
 @pytest.mark.parametrize('mode', MODES)
 def test_numbers_that_are_not_finite_are_refused(mode):
-    for field, bad in itertools.product('xv', (np.nan, np.inf, -1e300)):
-        flights = Flights(*[body(pebble(), mode=mode)] * 3)
-        for index in range(3):
-            disturb(flights, index, seed=index)
-        first = flights.state.bodies['first'][1]
-        getattr(flights.state, field)[0, 1, first + 7] = bad
-        with np.errstate(all='ignore'):
-            assert flights.fly() == 2
-        assert flights.fly([0, 2]) == 0
+    assert_refuses_what_is_not_finite(lambda: Flights(*[body(pebble(), mode=mode)] * 3))
 
 
 @pytest.mark.parametrize('mode', MODES)
