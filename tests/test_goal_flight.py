@@ -135,10 +135,13 @@ class Written:
 
         a, b_u, c, d, given, given_v, kept = record['responses'][REGULAR, RESIDUAL]
         ahead = record['look_ahead'][REGULAR]
-        goal = self.goals(own.config, record, rest, regions, r + ahead * u)
+        goal = self.goals(own.config, record, rest, regions, r + ahead * u, 0)
         if kept < 1.0:
-            before = self.goals(own.config, record, rest, regions, r)
-            u = kept * u + (1.0 - kept) * (goal - before) / ahead
+            before, after = (
+                self.goals(own.config, record, rest, regions, r + time * u, 1)
+                for time in (0.0, ahead)
+            )
+            u = kept * u + (1.0 - kept) * (after - before) / ahead
         p = goal + a * (r - goal) + b_u * u + given * b
         s = c * (r - goal) + d * u + given_v * b
         p[held], s[held] = r[held], 0.0
@@ -171,20 +174,20 @@ class Written:
         inverses = np.where(values > cut * self.scale**2, 1.0 / np.maximum(values, 1e-300), 0.0)
         return self.axes.T @ (vectors * inverses) @ vectors.T @ self.axes
 
-    def goals(self, config, record, rest, regions, y):
-        """Return the goals (n, 3) of a shape."""
+    def goals(self, config, record, rest, regions, y, which):
+        """Return the goals (n, 3) of a shape, of the pull (0) or for damping (1)."""
         share = record['whole_body_weight'] if record['regions'] else 1.0
-        whole = share * self.goal(config, rest, y, record)
+        whole = share * self.goal(config, rest, y, record, which)
         if regions is None:
             return whole
         return whole + (1.0 - share) * goals_of_regions(rest, regions, y, self.stretch[1:])
 
-    def goal(self, config, rest, y, record):
-        centre, beta, conserved = rest.weights @ y, record['deformation'], 0.0
+    def goal(self, config, rest, y, record, which):
+        centre, beta = rest.weights @ y, record['deformation'][which]
         p, root = y - centre, np.sqrt(rest.weights)[:, None]
         f = rest.features[1:4] if config.mode == 'linear' else rest.features[1:]
         fit = np.linalg.lstsq(root * f.T, root * p, rcond=1e-9)[0].T / rest.scale
-        transform, conserved = np.zeros((3, 9)), record['volume_conservation']
+        transform, conserved = np.zeros((3, 9)), record['volume_conservation'][which]
         moment = (p * root**2).T @ rest.q.T
         transform[:, :3] = (1.0 - beta) * undeformed(moment, self.stretch[0])
         kept = of_rest_volume(fit[None], rest)[0][0] if conserved else fit

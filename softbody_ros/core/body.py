@@ -45,8 +45,9 @@ BODY = np.dtype(
         ('pins', np.int64),  # number of pinned particles
         # parameters, as gains of one tick: see shape_matching/gains.py
         ('mode', np.int64),
-        ('deformation', np.float64),
-        ('volume_conservation', np.float64),
+        # of goals, and of their velocities: shares of deformation and of its change of volume
+        ('deformation', np.float64, (2,)),
+        ('volume_conservation', np.float64, (2,)),
         ('look_ahead', np.float64, (3,)),  # to the match, in the states of `responses`, s
         ('kept_velocity', np.float64),
         ('yield_strain', np.float64),

@@ -221,8 +221,9 @@ def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_st
 
     A deformation of which goals follow the share f turns by φ' with cos φ' = f + (1 − f) cos φ in
     a tick, φ = ω h, undamped; f = β of the whole body is replaced such that its frequency is the
-    same at any step. `responses` have, in place of Γ₃, the share of the velocity relative to the
-    goals that damping leaves. `stiffnesses` are those at the reference step.
+    same at any step, and, for the velocity of goals, its damping ratio ζ. `responses` have, in
+    place of Γ₃, the share of the velocity relative to the goals that damping leaves. `stiffnesses`
+    are those at the reference step.
     """
     alpha, beta = body.stiffness, body.deformation
     omega = natural_frequency(alpha, reference_step)
@@ -231,11 +232,14 @@ def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_st
     conserved = 1.0 - beta * (1.0 - body.volume_conservation)
     breathing = natural_frequency(conserved * alpha, reference_step)
     record['stiffnesses'] = followed**2, omega**2, breathing**2
-    if phase > 0.0:
-        record['deformation'] = beta_at = 1.0 - _share_of(followed * step, phase)
-        if beta_at > 0.0:
-            kept = (1.0 - _share_of(breathing * step, phase)) / beta_at
-            record['volume_conservation'] = 1.0 - kept
+    zeta = _damping(body, 1.0)
+    for place, share_of in enumerate((_turned_share, _damped_share)):
+        if phase > 0.0:
+            beta_at = 1.0 - share_of(followed * step, phase, zeta)
+            record['deformation'][place] = beta_at
+            if beta_at > 0.0:
+                kept = (1.0 - share_of(breathing * step, phase, zeta)) / beta_at
+                record['volume_conservation'][place] = 1.0 - kept
     # what turns by more than a right angle in a tick cannot swing with its goal
     least = LEAST_RESIDUAL_DAMPING * min(max(2.0 * phase / math.pi - 1.0, 0.0), 1.0)
     ratios = (_damping(body, 1.0), 1.0, _damping(body))
@@ -284,6 +288,13 @@ def turn_about_goal(
     return (1.0 - change, velocity, -omega * sine, 1.0 - change, position, velocity, kept), time
 
 
-def _share_of(slow: float, phase: float) -> float:
+def _turned_share(slow: float, phase: float, _: float) -> float:
     """Return 1 − f, for which goals let a deformation turn by the angle `slow` in a tick."""
     return (math.sin(min(slow, math.pi) / 2.0) / math.sin(min(phase, math.pi) / 2.0)) ** 2
+
+
+def _damped_share(slow: float, phase: float, zeta: float) -> float:
+    """Return 1 − f of the velocity of goals, for which it is damped with the same ratio ζ."""
+    if zeta == 0.0:
+        return slow / phase
+    return math.expm1(-2.0 * zeta * slow) / math.expm1(-2.0 * zeta * phase)

@@ -216,7 +216,7 @@ def fly_to_goals(
         0, or 1 + the index of a body with positions or velocities that are not finite
 
     """
-    linear, quadratic = np.empty((6, 3, 3)), np.empty((6, 9, 3))
+    linear, quadratic = np.empty((7, 3, 3)), np.empty((7, 9, 3))
     g = vector_of(gravity)
     for index in range(len(awake)):
         body = bodies[awake[index]]
@@ -343,36 +343,35 @@ def find_goals(
     motion : Motion
     match_centre : (S, 3) float
         written: centres, m from the pivot
-    scratch : (6, F, 3) float
+    scratch : (7, F, 3) float
     weights, q, regions, region_members, features, weighted_features, stretch, match_posture
         see `fly_to_goals`
 
     """
-    first, count = body['first_goal'], body['count']
+    first, count, goal, damping_goal = body['first_goal'], body['count'], scratch[5], scratch[6]
     state = TOUCHING if body['touches'][body['now']] > 0 else REGULAR
     time, rotation = body['look_ahead'][state], IDENTITY
     is_damped = body['responses'][state, RESIDUAL, 6] < 1.0 and time > 0.0
+    for i in range(first + count, first + 2 * count):
+        put_column(q, i, ZERO)
     for ahead in range(2):
         if ahead == 0 and not is_damped:
             continue
-        column = first + count * (1 - ahead)
-        look_ahead(body, x, v, motion, ahead * time, column, q)
-        centre = match_moments(body, matched, weights, q, column, scratch[0])
+        look_ahead(body, x, v, motion, ahead * time, q)
+        centre = match_moments(body, matched, weights, q, scratch[0])
         rotation, body['flowed'] = rotation_of(linear_block(scratch[0])), False
-        degeneracy = find_goal(body, matched, stretch, match_posture, scratch, scratch[5])
+        degeneracy = find_goal(body, matched, stretch, match_posture, scratch, goal, damping_goal)
         body['degeneracy'] = degeneracy
         put_vector(match_centre[body['first_match']], centre)
         match_regions(
             body, matched, regions, region_members, features, weighted_features, q, stretch,
-            match_centre, match_posture, degeneracy, column,
+            match_centre, match_posture, degeneracy,
         )  # fmt: skip
-        add_goals(body, matched, q, column, centre, scratch[5])
-    for i in range(first, first + count):
-        velocity = ZERO
         if is_damped:
-            change = minus(column_of(q, i), column_of(q, count + i))
-            velocity = scaled(1.0 / time, change)
-        put_column(q, count + i, velocity)
+            # the difference of both, by the time between them
+            share = (1.0 if ahead else -1.0) / time
+            add_goals(body, matched, q, centre, damping_goal, share, first + count)
+    add_goals(body, matched, q, centre, goal, 1.0, first)
     return rotation
 
 
@@ -383,12 +382,11 @@ def look_ahead(
     v: np.ndarray,
     motion: Motion,
     time: float,
-    column: int,
     q: np.ndarray,
 ) -> None:
-    """Write offsets r + τ u from the pivot in the place of the goals, from a column on, m."""
+    """Write offsets r + τ u from the pivot in the place of the goals, m."""
     time *= body['kept_velocity']
-    first, to_goal = body['first'], column - body['first']
+    first, to_goal = body['first'], body['first_goal'] - body['first']
     end, turning = body['first'] + body['count'], times(-1.0, cross_matrix(motion.rate))
     for i in range(first, end, LANES):
         left = end - i
@@ -403,7 +401,6 @@ def match_moments(
     shape: np.void,
     weights: np.ndarray,
     y: np.ndarray,
-    column: int,
     moment: np.ndarray,
 ) -> Vector:
     """
@@ -412,7 +409,7 @@ def match_moments(
     With the weights of the match. The mean is not subtracted: that of the features is 0.
     """
     mean, end = ZERO, body['first'] + body['count']
-    rest, to_y = shape['first'] - body['first'], column - body['first']
+    rest, to_y = shape['first'] - body['first'], body['first_goal'] - body['first']
     fill(moment, 0.0)
     for start in range(body['first'], end, TILE):
         tile, total = Tile(start, min(start + TILE, end), rest), no_vectors()
@@ -428,28 +425,52 @@ def match_moments(
 
 @helper
 def add_goals(
-    body: np.void, shape: np.void, q: np.ndarray, column: int, centre: Vector, goal: np.ndarray
+    body: np.void,
+    shape: np.void,
+    q: np.ndarray,
+    centre: Vector,
+    transform: np.ndarray,
+    factor: float,
+    column: int,
 ) -> None:
-    """Add the share of the whole body, centre + scale T f, to that of the regions."""
-    share = body['whole_body_weight']
-    scale_transform(goal, share * shape['scale'])
-    shift, of_q = scaled(share, centre), linear_block(goal)
+    """
+    Add a multiple of the goals to columns of `q`, or write them in the place of those by regions.
+
+    Parameters
+    ----------
+    body, shape : BODY, SHAPE
+        the shape with the weights of the match
+    q : (3, M + G) float
+        with the goals by regions
+    centre : vector
+        m from the pivot
+    transform : (F, 3) float
+        of the whole body, dimensionless; changed
+    factor : float
+    column : int
+        of the first particle
+
+    """
+    share, first = body['whole_body_weight'], body['first_goal']
+    scale_transform(transform, factor * share * shape['scale'])
+    shift, of_q = scaled(factor * share, centre), linear_block(transform)
     of_squares = of_products = NO_MATRIX
-    is_quadratic = len(goal) > LINEAR
+    is_quadratic, adds = len(transform) > LINEAR, column != first
     if is_quadratic:
-        of_squares, of_products = linear_block(goal[3:]), linear_block(goal[6:])
-    for f in range(LINEAR, len(goal)):
-        shift = along(shift, -shape['feature_means'][f], vector_of(goal[f]))
-    rest, to_goal = shape['first'] - body['first'], column - body['first']
-    end = body['first'] + body['count']
-    for i in range(body['first'], end, LANES):
-        left = end - i
-        point, of_regions = vectors_at(q, rest + i, left), vectors_at(q, to_goal + i, left)
-        place = plus(plus(shift, applied(of_q, point)), scaled(1.0 - share, of_regions))
+        of_squares, of_products = linear_block(transform[3:]), linear_block(transform[6:])
+    for f in range(LINEAR, len(transform)):
+        shift = along(shift, -shape['feature_means'][f], vector_of(transform[f]))
+    for k in range(0, body['count'], LANES):
+        left = body['count'] - k
+        point, of_regions = vectors_at(q, shape['first'] + k, left), vectors_at(q, first + k, left)
+        place = plus(shift, applied(of_q, point))
+        place = along(place, factor * (1.0 - share), of_regions)
         if is_quadratic:
             place = plus(place, applied(of_squares, squares(point)))
             place = plus(place, applied(of_products, mixed_products(point)))
-        put_vectors(q, to_goal + i, left, place)
+        if adds:
+            place = plus(place, vectors_at(q, column + k, left))
+        put_vectors(q, column + k, left, place)
 
 
 # --------------------------------------------------------------------------------------- advance

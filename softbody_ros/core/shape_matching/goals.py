@@ -49,9 +49,10 @@ def find_goal(
     posture: np.ndarray,
     scratch: np.ndarray,
     goal: np.ndarray,
+    damping_goal: np.ndarray,
 ) -> float:
     """
-    Match the whole body, and write the transform of its goals (sections 3.3, 4.2, 4.3).
+    Match the whole body, and write the transforms of its goals (sections 3.3, 4.2, 4.3).
 
     Parameters
     ----------
@@ -63,8 +64,8 @@ def find_goal(
         see `goal_flight.fly_to_goals`
     scratch : (5, F, 3) float
         the first is Σ w f y, m
-    goal : (F, 3) float
-        dimensionless
+    goal, damping_goal : (F, 3) float
+        of the pull, and those relative to which velocities are damped; dimensionless
 
     Returns
     -------
@@ -83,6 +84,7 @@ def find_goal(
         # the goal follows no deformation, so no fit is needed
         fill(fitted, 0.0)
         blend(fitted, fitted, 0.0, 0.0, undeformed, goal)
+        blend(fitted, fitted, 0.0, 0.0, undeformed, damping_goal)
         put_matrix(posture[row], undeformed)
         return 0.0
     fit(moment, undeformed, shape, fitted)
@@ -92,7 +94,9 @@ def find_goal(
     conserves = 1.0 if degeneracy < 1.0 else 0.0
     conserved, beta = body['volume_conservation'], body['deformation']
     regularity = 1.0 - degeneracy
-    blend(fitted, volume_fit, conserves * conserved, regularity * beta, undeformed, goal)
+    blend(fitted, volume_fit, conserves * conserved[0], regularity * beta[0], undeformed, goal)
+    conserves *= conserved[1]
+    blend(fitted, volume_fit, conserves, regularity * beta[1], undeformed, damping_goal)
     put_matrix(posture[row], undeformed if degeneracy > 0.0 else linear_block(fitted))
     flow(body, stretch, row, elastic, degeneracy)
     return degeneracy
@@ -127,7 +131,6 @@ def match_regions(
     match_centre: np.ndarray,
     match_posture: np.ndarray,
     degeneracy: float,
-    first: int,
 ) -> None:
     """
     Match each region (section 4.4), and replace the positions of particles by their goals.
@@ -137,16 +140,15 @@ def match_regions(
     body, shape, regions, member, features, weighted_features, stretch
         see `goal_flight.fly_to_goals`; the shape with the weights of the match
     goals : (3, N) float
-        positions, then weighted means of the goals by regions, m
+        positions, then weighted means of the goals by regions, m; the first particle of the body
+        is in column `first_goal`
     match_centre, match_posture : (S, 3), (S, 3, 3) float
         written, see `goal_flight.fly_to_goals`
     degeneracy : float
         of the match of the whole body
-    first : int
-        column of the first particle
 
     """
-    scale, is_plastic = shape['scale'], body['is_plastic']
+    first, scale, is_plastic = body['first_goal'], shape['scale'], body['is_plastic']
     for k in range(body['regions']):
         region, row = regions[shape['first_region'] + k], body['first_match'] + 1 + k
         moment, weighted = region_moment(region, member, weighted_features, goals, first)
