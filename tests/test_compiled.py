@@ -246,6 +246,26 @@ def test_without_compiling_the_same_is_computed(tiny):
     assert tiny.call(before=WITHOUT_NUMBA)['result'] == 20.0
 
 
+@pytest.mark.skipif(not compiled.is_compiled(), reason='nothing is compiled')
+def test_a_helper_becomes_machine_code_only_as_a_part_of_kernels():
+    @compiled.helper
+    def doubled(a):
+        return a + a
+
+    @kernel
+    def total(x):
+        result = 0.0
+        for i in range(x.shape[0]):
+            result += doubled(x[i])
+        return result
+
+    assert total(np.arange(4.0)) == 12.0
+    (part,), (whole,) = doubled.overloads.values(), total.overloads.values()
+    machine_code = whole.library._codegen._engine
+    assert machine_code.is_symbol_defined(whole.fndesc.mangled_name)
+    assert not machine_code.is_symbol_defined(part.fndesc.mangled_name)
+
+
 def test_kernels_divide_by_no_zero():
     """Python raises an exception at what is inf or nan in machine code."""
     code = 'import numpy; numpy.seterr(divide="raise")\n'

@@ -34,6 +34,14 @@ from softbody_ros.core.geometry.vectors import (
     plus,
     vector_of,
 )
+from softbody_ros.core.lanes import (
+    LANES,
+    lanes_at,
+    no_vectors,
+    put_lanes,
+    totals,
+    vectors_at,
+)
 
 RIGID = 6
 """Modes of a rigid body."""
@@ -87,8 +95,11 @@ def add_modes(
         member = row['one'] if side == 0 else row['two']
         if member >= 0:
             j = jacobian[side]
-            for mode in range(counts[member]):
-                y[member, mode] += j[0, mode] * n + j[1, mode] * one + j[2, mode] * two
+            for mode in range(0, counts[member], LANES):
+                left = counts[member] - mode
+                a, b, c = vectors_at(j, mode, left)
+                added = a * n + b * one + c * two
+                put_lanes(y, member, mode, left, lanes_at(y, member, mode, left) + added)
 
 
 @helper
@@ -124,17 +135,16 @@ def stiffer(jacobian: np.ndarray, last: int) -> Vector:
 @helper
 def mode_response(row: np.void, jacobian: np.ndarray, counts: np.ndarray, y: np.ndarray) -> Vector:
     """Return J y of one row."""
-    n = one = two = 0.0
+    motion = no_vectors()
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
         if member >= 0:
             j = jacobian[side]
-            for mode in range(counts[member]):
-                amplitude = y[member, mode]
-                n += j[0, mode] * amplitude
-                one += j[1, mode] * amplitude
-                two += j[2, mode] * amplitude
-    return n, one, two
+            for mode in range(0, counts[member], LANES):
+                left = counts[member] - mode
+                amplitudes = lanes_at(y, member, mode, left)
+                motion = along(motion, amplitudes, vectors_at(j, mode, left))
+    return totals(motion)
 
 
 @helper
@@ -230,6 +240,8 @@ def sum_forces(problem: Problem) -> None:
     is_mobile = any_mobile(problem)
     for k in range(len(rows)):
         force = vector_of(rows[k]['force'])
+        if force == ZERO:
+            continue
         add_modes(rows[k], jacobian[k], counts, force, y)
         if is_mobile:
             add_particles(rows[k], jacobian[k], counts, mobility, force, y, shifts)

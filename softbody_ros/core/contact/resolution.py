@@ -294,20 +294,26 @@ def nears_any(body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarr
 
 
 @helper
-def without_far(members: np.ndarray, rows: np.ndarray) -> int:
+def find_near(members: np.ndarray, rows: np.ndarray, near: np.ndarray) -> int:
     """
-    Drop contacts of deformable start shapes that are none after the flight.
+    Choose the contacts that may act, and return their number.
 
-    Those are kept that forces at new ones may close; forces of contacts that persist hold what
-    they have held. The rows that are left come first; returned is their number.
+    Not those of deformable start shapes that are none after the flight, unless forces at new ones
+    may close them; forces of contacts that persist hold what they have held.
+
+    Parameters
+    ----------
+    members, rows : (m,) MEMBER, (k,) ROW
+    near : (k,) bool
+        written
+
     """
-    deepest = np.zeros(len(members))
+    deepest, count = np.zeros(len(members)), 0
     for row in rows:
         if row['is_new']:
             deepest[row['one']] = max(deepest[row['one']], -row['gap'])
             if row['two'] >= 0:
                 deepest[row['two']] = max(deepest[row['two']], -row['gap'])
-    left = 0
     for k in range(len(rows)):
         row = rows[k]
         one = members[row['one']]
@@ -316,11 +322,9 @@ def without_far(members: np.ndarray, rows: np.ndarray) -> int:
             two = members[row['two']]
             nearby += two['nearby'] + LEVER * deepest[row['two']]
             deformable = deformable or two['is_soft']
-        if not (deformable and row['is_new'] and row['gap'] > nearby):
-            if left != k:
-                copy_record(rows, left, rows, k)
-            left += 1
-    return left
+        near[k] = not (deformable and row['is_new'] and row['gap'] > nearby)
+        count += near[k]
+    return count
 
 
 @kernel
@@ -414,14 +418,14 @@ def resolve(
         number of forces to remember
 
     """
-    count = len(members)
-    rows = rows[: without_far(members, rows)]
-    island, own = np.empty(count, np.int64), np.empty(SPARE * len(rows), rows.dtype)
+    count, near = len(members), np.empty(len(rows), np.bool_)
+    left = find_near(members, rows, near)
+    island, own = np.empty(count, np.int64), np.empty(SPARE * left, rows.dtype)
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)
     used = np.zeros(count, np.int64)
-    sort_into_islands(members, rows, island, first_body, first_row, inside, local, own, used)
-    all_particles = np.empty(4 * len(rows), PARTICLE)
+    sort_into_islands(members, rows, near, island, first_body, first_row, inside, local, own, used)
+    all_particles = np.empty(4 * left, PARTICLE)
     kept = 0
     for root in range(count):
         first, last = first_row[root], first_row[root] + used[root]
@@ -542,6 +546,7 @@ def write_particle(
 def sort_into_islands(
     members: np.ndarray,
     rows: np.ndarray,
+    near: np.ndarray,
     island: np.ndarray,
     first_body: np.ndarray,
     first_row: np.ndarray,
@@ -556,6 +561,8 @@ def sort_into_islands(
     Parameters
     ----------
     members, rows : (m,) MEMBER, (k,) ROW
+    near : (k,) bool
+        which contacts may act: the others are left out
     island, local : (m,) int
         written: least member of the island, and number within it
     first_body, first_row : (m + 1,) int
@@ -569,14 +576,16 @@ def sort_into_islands(
     count = len(members)
     for number in range(count):
         island[number] = number
-    for row in rows:
-        if row['two'] >= 0:
+    for k in range(len(rows)):
+        row = rows[k]
+        if near[k] and row['two'] >= 0:
             unite(island, row['one'], row['two'])
     for number in range(count):
         island[number] = root_of(island, number)
         first_body[island[number] + 1] += 1
-    for row in rows:
-        first_row[island[row['one']] + 1] += SPARE
+    for k in range(len(rows)):
+        if near[k]:
+            first_row[island[rows[k]['one']] + 1] += SPARE
     for number in range(count):
         first_body[number + 1] += first_body[number]
         first_row[number + 1] += first_row[number]
@@ -587,6 +596,8 @@ def sort_into_islands(
         copy_record(inside, first_body[root] + filled[root], members, number)
         filled[root] += 1
     for k in range(len(rows)):
+        if not near[k]:
+            continue
         root = island[rows[k]['one']]
         place_in = first_row[root] + used[root]
         copy_record(own, place_in, rows, k)
@@ -857,6 +868,7 @@ def put_jacobian(
     particles: np.ndarray,
     point: Vector,
     at_end: bool,
+    features: np.ndarray,
 ) -> None:
     """
     Write J of one contact: responses of the modes to unit forces along normal and tangents.
@@ -871,9 +883,10 @@ def put_jacobian(
         m
     at_end : bool
         whether at the pose after the tick, instead of after the flight
+    features : (9,) float
+        scratch
 
     """
-    features = np.empty(QUADRATIC_FEATURES)
     for side in range(2):
         index, sign = side_of(row, side)
         if index < 0:
@@ -913,10 +926,10 @@ def begin_positions(
     members: np.ndarray, particles: np.ndarray, problem: Problem, h: float
 ) -> None:
     """Write the problem of positions; its unknowns are λ = h² f / 2."""
-    rows, jacobian = problem.rows, problem.jacobian
+    rows, jacobian, features = problem.rows, problem.jacobian, np.empty(QUADRATIC_FEATURES)
     for k in range(len(rows)):
-        row = rows[k]
-        put_jacobian(row, jacobian[k], members, particles, vector_of(row['point']), False)
+        row, point = rows[k], vector_of(rows[k]['point'])
+        put_jacobian(row, jacobian[k], members, particles, point, False, features)
         mobility = own_mobility(row, problem.mobility)
         if mobility == 0.0 and row['inverse_mass'] == 0.0:
             # between pinned particles
@@ -1164,6 +1177,7 @@ def begin_velocities(
     Contacts without force take no part: those with come first, and their number is returned.
     """
     rows, jacobian, acting = problem.rows, problem.jacobian, 0
+    features = np.empty(QUADRATIC_FEATURES)
     for k in range(len(rows)):
         if not rows[k]['positional'][0] > 0.0:
             continue
@@ -1172,7 +1186,7 @@ def begin_velocities(
         row = rows[acting]
         if has_moved(row, members):
             end = vector_of(row['end_point'])
-            put_jacobian(row, jacobian[acting], members, particles, end, True)
+            put_jacobian(row, jacobian[acting], members, particles, end, True, features)
         elif acting != k:
             copy_jacobian(row, jacobian[acting], jacobian[k], problem.counts)
         velocity = side_velocity(row, 0, members[row['one']], particles)
