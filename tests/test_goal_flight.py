@@ -141,7 +141,10 @@ class Written:
                 self.goals(own.config, record, rest, regions, r + time * u, 1)
                 for time in (0.0, ahead)
             )
-            u = kept * u + (1.0 - kept) * (after - before) / ahead
+            u_g = (after - before) / ahead
+            follows, size = w @ np.sum(u * u_g, axis=1), w @ np.sum(u_g**2, axis=1)
+            share = 1.0 if follows >= size else max(follows / size, 0.0)
+            u = kept * u + (1.0 - kept) * share * u_g
         p = goal + a * (r - goal) + b_u * u + given * b
         s = c * (r - goal) + d * u + given_v * b
         p[held], s[held] = r[held], 0.0
@@ -157,7 +160,9 @@ class Written:
             omega = half @ middle @ half.T @ (spin + h / 2 * torque)
         turn = exponential(h * omega)
         spin = turn.T @ (spin + h * torque)
-        after = self.inverse(p, cut=1e-12) @ (spin - w @ np.cross(p, s))
+        after = self.inverse(p, cut=pins.THIN if len(held) else 1e-12) @ (
+            spin - w @ np.cross(p, s)
+        )
         carry = exponential(h * carried)
         turn = carry @ turn
         rate = carried + turn @ after
@@ -166,7 +171,7 @@ class Written:
         self.x = pivot + h * velocity + h**2 / 2 * acceleration + arms
         self.v = velocity + h * acceleration + s @ turn.T + np.cross(rate, arms)
 
-    def inverse(self, one, two=None, cut=goal_flight.THIN):
+    def inverse(self, one, two=None, cut=pins.THIN):
         """Return the inverse inertia about the allowed axes, of the mean of two shapes."""
         both = [inertia(self.w, each) for each in (one, one if two is None else two)]
         mean = self.axes @ (both[0] + both[1]) @ self.axes.T / 2

@@ -365,7 +365,8 @@ def test_bodies_follow_their_moved_pins(count):
         assert world.positions(mode) == pytest.approx(expected[mode], abs=tolerance[mode])
         assert rms_displacement(world, mode) < 0.002
     configured(world, pins_velocity_linear=(0.0,) * 3, pins_velocity_angular=(0.0,) * 3)
-    world.step(480)
+    # bends of regions are slow to come to rest
+    world.step(1200)
     for mode in MODES:
         assert world.positions(mode) == pytest.approx(expected[mode], abs=2.0 * tolerance[mode])
         assert np.abs(world.velocities(mode)).max() < 1e-6

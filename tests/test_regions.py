@@ -346,13 +346,14 @@ def test_regions_bend_at_the_same_frequency_at_any_step(mode):
 
 @pytest.mark.parametrize('mode', SOFT)
 def test_damped_regions_bend_nearly_alike_at_any_step(mode):
-    """Only nearly: the gains are exact for what feels all of the stiffness or its share 1 − β."""
+    """Only nearly: the gains are exact for what no goal follows."""
     config = body('box', subdivisions=2, mode=mode, regions_count=12)
     shapes, _ = softest_bends(config, 9)
     for shape in shapes[::4]:
         coarse, fine = (frequency_and_decay_of(config, shape, h) for h in (1 / 240, 1 / 960))
         assert coarse[0] == pytest.approx(fine[0], rel=0.025)
-        assert coarse[1] == pytest.approx(fine[1], rel=0.05)
+        # that of the goals' velocity, relative to which it is damped, is taken before
+        assert coarse[1] == pytest.approx(fine[1], rel=0.09)
 
 
 # ----------------------------------------------------------------------------------- what they do

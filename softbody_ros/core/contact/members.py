@@ -57,7 +57,7 @@ from softbody_ros.core.shape_matching.modal_flight import (
     whiten,
     whitened_features,
 )
-from softbody_ros.core.shape_matching.pins import inverse_about
+from softbody_ros.core.shape_matching.pins import THIN, inverse_about
 from softbody_ros.core.shape_matching.polar_decomposition import (
     orthogonal_columns,
     rotation_by_vector,
@@ -485,7 +485,8 @@ def put_rotation(members: np.ndarray, particles: np.ndarray) -> None:
         velocity = vector_of(member['residual_velocity'])
         second = combined(1.0, matrix_of(member['end_inverse_inertia']), -1.0, outer(shift, shift))
         inner = minus(vector_of(member['end_angular_velocity']), cross(shift, velocity))
-        inverse = inverse_about(matrix_of(member['allowed']), second, member['scale'], INERTIA_CUT)
+        cut = THIN if member['has_pins'] else INERTIA_CUT
+        inverse = inverse_about(matrix_of(member['allowed']), second, member['scale'], cut)
         put_matrix(member['end_inverse_inertia'], inverse)
         momentum = minus(vector_of(member['angular_momentum']), inner)
         rate = plus(vector_of(member['carried']), applied(inverse, momentum))

@@ -298,8 +298,10 @@ def find_near(members: np.ndarray, rows: np.ndarray, near: np.ndarray) -> int:
     """
     Choose the contacts that may act, and return their number.
 
-    Not those of deformable start shapes that are none after the flight, unless forces at new ones
-    may close them; forces of contacts that persist hold what they have held.
+    Not those of deformable start shapes that are none after the flight, unless forces at others
+    may close them. Forces at contacts that persist keep up what there was: with them, sides go on
+    with their speed. By more than that they displace where a contact is deeper after the flight
+    than it was after that of the tick before.
 
     Parameters
     ----------
@@ -310,10 +312,10 @@ def find_near(members: np.ndarray, rows: np.ndarray, near: np.ndarray) -> int:
     """
     deepest, count = np.zeros(len(members)), 0
     for row in rows:
-        if row['is_new']:
-            deepest[row['one']] = max(deepest[row['one']], -row['gap'])
-            if row['two'] >= 0:
-                deepest[row['two']] = max(deepest[row['two']], -row['gap'])
+        depth = min(row['gap_before'], 0.0) - row['gap']
+        deepest[row['one']] = max(deepest[row['one']], depth)
+        if row['two'] >= 0:
+            deepest[row['two']] = max(deepest[row['two']], depth)
     for k in range(len(rows)):
         row = rows[k]
         one = members[row['one']]
@@ -322,7 +324,8 @@ def find_near(members: np.ndarray, rows: np.ndarray, near: np.ndarray) -> int:
             two = members[row['two']]
             nearby += two['nearby'] + LEVER * deepest[row['two']]
             deformable = deformable or two['is_soft']
-        near[k] = not (deformable and row['is_new'] and row['gap'] > nearby)
+        gap = min(row['gap'], row['coasting'])
+        near[k] = not (deformable and row['is_new'] and gap > nearby)
         count += near[k]
     return count
 
@@ -447,6 +450,7 @@ def resolve(
                 remembered[kept]['key'] = row['key']
                 put_vector(remembered[kept]['force'], in_world(row, row['positional']))
                 remembered[kept]['tolerated'] = row['tolerated']
+                remembered[kept]['gap'] = row['gap']
                 kept += 1
             receive(together, row, h)
             number = together[row['one']]['body']

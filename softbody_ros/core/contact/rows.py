@@ -81,6 +81,8 @@ ROW = np.dtype(
         ('approach', np.float64),  # normal speed at touching; negative, m/s
         ('closing', np.float64),  # normal speed of approach at the end of the flight, m/s
         ('is_new', np.bool_),  # not made at the tick before
+        ('gap_before', np.float64),  # after the flight of the tick before; 0 if it is new, m
+        ('coasting', np.float64),  # gap if both sides went on with their speed before, m
         ('remembered', np.float64, (3,)),  # force of the tick before
         # depth at the end, m: what is found deep inside gets out slowly
         ('tolerated', np.float64),
@@ -103,6 +105,7 @@ MEMORY = np.dtype(
         ('key', np.int64),
         ('force', np.float64, (3,)),  # N
         ('tolerated', np.float64),  # depth, m
+        ('gap', np.float64),  # after the flight, m
     ],
     align=True,
 )
@@ -164,6 +167,7 @@ def complete_row(
         TOUCHING * one['scale'], row['is_new'],
     )  # fmt: skip
     row['approach'] = approach
+    row['coasting'] = row['gap'] - dot(normal, motion) + h * dot(normal, velocity)
     speed = 2.0 * dot(normal, motion) / h - dot(normal, velocity)
     row['closing'] = -speed
     put_slip(row, along(motion, -touching, velocity))
@@ -399,10 +403,10 @@ def recall(row: np.void, memory: np.ndarray) -> None:
             high = middle
     row['is_new'] = not (low < len(memory) and memory[low]['key'] == row['key'])
     put_vector(row['remembered'], ZERO)
-    row['tolerated'] = math.inf
+    row['tolerated'], row['gap_before'] = math.inf, 0.0
     if not row['is_new']:
         put_vector(row['remembered'], vector_of(memory[low]['force']))
-        row['tolerated'] = memory[low]['tolerated']
+        row['tolerated'], row['gap_before'] = memory[low]['tolerated'], memory[low]['gap']
 
 
 POINT_SET = np.dtype(

@@ -57,6 +57,7 @@ from softbody_ros.core.geometry.vectors import (
     combined,
     cross,
     cross_matrix,
+    dot,
     matrix_of,
     minus,
     outer,
@@ -72,8 +73,10 @@ from softbody_ros.core.geometry.vectors import (
 )
 from softbody_ros.core.lanes import (
     LANES,
+    lanes_of,
     no_vectors,
     put_vectors,
+    total,
     totals,
     vectors_at,
     weights_at,
@@ -108,7 +111,7 @@ from softbody_ros.core.shape_matching.moments import (
     subtract_means,
     symmetric,
 )
-from softbody_ros.core.shape_matching.pins import allowed_axes, inverse_about
+from softbody_ros.core.shape_matching.pins import THIN, allowed_axes, inverse_about
 from softbody_ros.core.shape_matching.polar_decomposition import rotation_of
 from softbody_ros.core.shape_matching.rigid_motion import (
     INERTIA_CUT,
@@ -116,10 +119,6 @@ from softbody_ros.core.shape_matching.rigid_motion import (
     measure_about,
     put_motion,
 )
-
-THIN = 1e-4
-"""Squared radius of gyration about an axis, relative to the RMS radius, below which a body turns
-about it particle by particle: a rod that is bent a little would turn by any angle in a tick."""
 
 
 class Motion(NamedTuple):
@@ -412,12 +411,12 @@ def match_moments(
     rest, to_y = shape['first'] - body['first'], body['first_goal'] - body['first']
     fill(moment, 0.0)
     for start in range(body['first'], end, TILE):
-        tile, total = Tile(start, min(start + TILE, end), rest), no_vectors()
+        tile, of_tile = Tile(start, min(start + TILE, end), rest), no_vectors()
         for i in range(tile.start, tile.stop, LANES):
             left = tile.stop - i
             w = weights_at(weights, rest + i, left)
-            total = along(total, w, vectors_at(y, to_y + i, left))
-        mean = plus(mean, totals(total))
+            of_tile = along(of_tile, w, vectors_at(y, to_y + i, left))
+        mean = plus(mean, totals(of_tile))
         add_moments(tile, y, to_y, weights, y, moment)
     subtract_means(moment, shape, mean)
     return mean
@@ -513,7 +512,10 @@ def advance(
     field = acceleration_field(body, motion, plus(gravity, force), torque, scale)
     a, b, c, d, given, given_v, left = blended_response(body, RESIDUAL)
     # p = P₀ + P r + Q u + T g + W u_g, and the same of s, with u = v − V
-    by_goal, by_goal_v = b * (1.0 - left), d * (1.0 - left)
+    by_goal = by_goal_v = 0.0
+    if is_soft and left < 1.0:
+        share = followed_share(body, shape, weights, q, x, v, motion) * (1.0 - left)
+        by_goal, by_goal_v = b * share, d * share
     b, d = b * left, d * left
     turning = cross_matrix(motion.rate)
     of_r = combined(a, IDENTITY, -b * kept, turning)
@@ -539,7 +541,9 @@ def advance(
     if body['pins'] == 0:
         arm = ZERO
     turn, acceleration, moment = rotate(body, posture, middle, motion.spin, arm, gravity, h)
-    after = inverse_about(motion.allowed, pp, scale, INERTIA_CUT)
+    # pins take what they must: without them, angular momentum is kept about any axis
+    cut = THIN if body['pins'] > 0 else INERTIA_CUT
+    after = inverse_about(motion.allowed, pp, scale, cut)
     spin = applied_transposed(turn, along(motion.spin, h, moment))
     rate = applied(after, minus(spin, internal))
     if body['pins'] == 0:
@@ -593,12 +597,44 @@ def advance(
 
 
 @helper
+def followed_share(
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    motion: Motion,
+) -> float:
+    """
+    Return the share of the velocities of goals with which damping takes energy, at most 1.
+
+    It is 1 if goals follow by shares from 0 to 1. A goal that jumps, as a rotation can that is not
+    unique, has a velocity that could give energy: with Σ w u_g² ≤ Σ w u · u_g it does not.
+    """
+    both = square = lanes_of(0.0)
+    kept, turning = body['kept_velocity'], times(-1.0, cross_matrix(motion.rate))
+    end, rest = body['first'] + body['count'], shape['first'] - body['first']
+    to_motion = body['first_goal'] + body['count'] - body['first']
+    for i in range(body['first'], end, LANES):
+        left = end - i
+        w, u_g = weights_at(weights, rest + i, left), vectors_at(q, to_motion + i, left)
+        r = minus(vectors_at(x, i, left), motion.pivot)
+        u = plus(minus(vectors_at(v, i, left), motion.velocity), applied(turning, r))
+        both, square = both + w * dot(u, u_g), square + w * dot(u_g, u_g)
+    follows, size = kept * total(both), total(square)
+    if follows >= size:
+        return 1.0
+    return max(follows / size, 0.0)
+
+
+@helper
 def vector_of_pins(body: np.void, shape: np.void, q: np.ndarray, pinned: np.ndarray) -> Vector:
     """Return the centre of the pins at rest, in units of the scale."""
-    total = ZERO
+    centre = ZERO
     for k in range(body['first_pin'], body['first_pin'] + body['pins']):
-        total = plus(total, column_of(q, shape['first'] + pinned[k] - body['first']))
-    return scaled(1.0 / body['pins'], total)
+        centre = plus(centre, column_of(q, shape['first'] + pinned[k] - body['first']))
+    return scaled(1.0 / body['pins'], centre)
 
 
 @helper
