@@ -54,9 +54,9 @@ from softbody_ros.core.shape_matching.rigid_motion import inertia_of, inverse_in
 
 COUPLING = 100.0
 """Weight of all pins in the match, in body masses."""
-THIN = 1e-4
-"""Squared radius of gyration about an axis, relative to the RMS radius, below which a body turns
-about it particle by particle: a rod that is bent a little would turn by any angle in a tick."""
+THIN = 1e-2
+"""Inertia about an axis, per mass and squared RMS radius, below which a body turns about it
+particle by particle, not as a whole: a rod that is bent a little would turn by any angle."""
 SPREAD = 1e-10
 """Squared extent of the pins, relative to the RMS radius, below which they are a point or line."""
 
