@@ -42,7 +42,7 @@ from softbody_ros.core import Surface, make_surface
 from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
 from softbody_ros.core.geometry.vectors import column_of, put_column, put_matrix, vector_of
-from softbody_ros.core.shape_matching import modal_flight
+from softbody_ros.core.shape_matching import flight_map, free_rotation, modal_flight
 from softbody_ros.core.shape_matching.gains import (
     BREATHING,
     FOLLOWED,
@@ -234,7 +234,7 @@ def test_whitened_features_have_unit_moments_where_the_shape_spans_them(name):
 def all_whitened(body, shape, q, result):
     psi = np.zeros(9)
     for i in range(body['count']):
-        for k in range(modal_flight.whitened_features(body, shape, q, body['first'] + i, psi)):
+        for k in range(flight_map.whitened_features(body, shape, q, body['first'] + i, psi)):
             result[i, k] = psi[k]
 
 
@@ -368,7 +368,7 @@ def test_the_rotation_by_a_vector_is_that_of_scipy():
 @kernel
 def all_rotations(vectors, result):
     for k in range(len(vectors)):
-        put_matrix(result[k], modal_flight.rotation_by(vector_of(vectors[k])))
+        put_matrix(result[k], free_rotation.rotation_by(vector_of(vectors[k])))
 
 
 def brick():
@@ -892,18 +892,18 @@ def test_what_yields_keeps_its_strain_and_what_does_not_comes_back(mode):
 def all_after(body, shape, q, x, v, result):
     for k in range(body['count']):
         i = body['first'] + k
-        put_column(result[0], k, modal_flight.position_after(body, shape, q, x, v, i))
-        put_column(result[1], k, modal_flight.velocity_after(body, shape, q, x, v, i))
+        put_column(result[0], k, flight_map.position_after(body, shape, q, x, v, i))
+        put_column(result[1], k, flight_map.velocity_after(body, shape, q, x, v, i))
     copy = np.zeros(x.shape)
-    modal_flight.put_start_shape(body, x, copy)
+    flight_map.put_start_shape(body, x, copy)
     for k in range(body['count']):
         put_column(result[2], k, column_of(copy, body['first'] + k))
 
 
 @kernel
 def whiten_both(body, shape, result):
-    modal_flight.whiten(body, shape, body['shape_moment'], result[0])
-    modal_flight.whiten(body, shape, body['volume_moment'], result[1])
+    flight_map.whiten(body, shape, body['shape_moment'], result[0])
+    flight_map.whiten(body, shape, body['volume_moment'], result[1])
 
 
 @pytest.mark.parametrize('mode', MODES)
@@ -1005,7 +1005,7 @@ def sum_up(x, v, w, bodies, shapes, result):
 
 @kernel
 def write_down(x, v, q, bodies, shapes, new_x, new_v):
-    modal_flight.write(x, v, bodies[0], shapes[0], q, new_x, new_v)
+    flight_map.write(x, v, bodies[0], shapes[0], q, new_x, new_v)
 
 
 @pytest.mark.skipif(not is_compiled(), reason='plain Python has no instructions')

@@ -10,7 +10,7 @@ import pytest
 from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
 from softbody_ros.core.geometry.vectors import put_matrix, put_vector
-from softbody_ros.core.shape_matching import modal_flight, moments, rigid_motion
+from softbody_ros.core.shape_matching import flight_map, moments, rigid_motion
 from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
 pytestmark = pytest.mark.skipif(not is_compiled(), reason='plain Python has no instructions')
@@ -39,7 +39,7 @@ def moments_of_tile(y, q, w, result):
 
 @kernel
 def write(x, v, q, to_x, to_v, bodies, shapes):
-    modal_flight.write(x, v, bodies[0], shapes[0], q, to_x, to_v)
+    flight_map.write(x, v, bodies[0], shapes[0], q, to_x, to_v)
 
 
 @kernel

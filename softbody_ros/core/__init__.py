@@ -16,8 +16,9 @@ sequence of stages (step.py), each one or several kernels (compiled.py) over all
 1. shape_matching/modal_flight.py, motion without contacts: sum up moments (moments, four particles
    at a time: lanes.py), match the rest shape (eq. 7: polar_decomposition; fit and volume:
    matching; plasticity), move each kind of deformation as the oscillator that it is (gains), and
-   the body as a rigid one (rigid_motion). Bodies with regions or pins: goal_flight.py, each
-   particle as an oscillator about its goal (goals.py, eq. 9, 10; regions; pins).
+   the body as a rigid one (rigid_motion, free_rotation). Bodies with regions or pins:
+   goal_flight.py, each particle as an oscillator about its goal (goals.py, eq. 9, 10; regions;
+   pins). The result is a linear map of all particles (flight_map).
 2. contact/resolution.py, all contacts of bodies with obstacles, points and each other: found by
    collision/obstacle_contacts.py (shapes in collision/shapes.py, meshes in geometry/bvh.py) and
    collision/body_contacts.py (broad_phase, narrow_phase), as rows (rows.py) of one problem for

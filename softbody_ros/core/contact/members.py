@@ -4,7 +4,7 @@
 The bodies of a contact problem, and how they move by the forces of contacts.
 
 A force f that is constant over the tick h, in the form λ = h² f / 2, acts on the start shape x̂,
-which the flight has moved as the rigid body is (`modal_flight.put_start_shape`). With
+which the flight has moved as the rigid body is (`flight_map.put_start_shape`). With
 r = x̂ − c, the whitened features ψ, D = Σ w r ψᵀ, and ρ = 2 Γ₁ / h² of a kind of modes, it
 displaces particles of a body of mass M by
 
@@ -50,13 +50,13 @@ from softbody_ros.core.geometry.vectors import (
     transposed,
     vector_of,
 )
-from softbody_ros.core.shape_matching.gains import BREATHING, FOLLOWED, RESIDUAL
-from softbody_ros.core.shape_matching.modal_flight import (
+from softbody_ros.core.shape_matching.flight_map import (
     position_after,
     velocity_after,
     whiten,
     whitened_features,
 )
+from softbody_ros.core.shape_matching.gains import BREATHING, FOLLOWED, RESIDUAL
 from softbody_ros.core.shape_matching.pins import THIN, inverse_about
 from softbody_ros.core.shape_matching.polar_decomposition import (
     orthogonal_columns,

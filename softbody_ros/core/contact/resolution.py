@@ -92,7 +92,10 @@ from softbody_ros.core.geometry.vectors import (
     vector_of,
 )
 from softbody_ros.core.lanes import LANES, put_vectors, vectors_at
-from softbody_ros.core.shape_matching.modal_flight import put_start_shape, write
+from softbody_ros.core.shape_matching.flight_map import (
+    put_start_shape,
+    write,
+)
 from softbody_ros.core.shape_matching.rigid_motion import put_motion
 
 VELOCITY_COMPLIANCE = 1e-4

@@ -28,7 +28,9 @@ from softbody_ros.core.geometry.vectors import (
     tangents_of,
     vector_of,
 )
-from softbody_ros.core.shape_matching.modal_flight import position_after
+from softbody_ros.core.shape_matching.flight_map import (
+    position_after,
+)
 
 CONTACT_FREQUENCY = 3e3
 """ω, rad/s, of a rigid body on a contact: its compliance 1 / (M ω²) bounds the forces of obstacles

@@ -81,6 +81,17 @@ from softbody_ros.core.lanes import (
     vectors_at,
     weights_at,
 )
+from softbody_ros.core.shape_matching.flight_map import (
+    put_map,
+    put_turned,
+    write,
+)
+from softbody_ros.core.shape_matching.free_rotation import (
+    rotate,
+    rotation_by,
+    turned,
+    wrench_in,
+)
 from softbody_ros.core.shape_matching.gains import REGULAR, RESIDUAL, TOUCHING
 from softbody_ros.core.shape_matching.goals import find_goal, match_regions
 from softbody_ros.core.shape_matching.matching import (
@@ -94,14 +105,7 @@ from softbody_ros.core.shape_matching.matching import (
 from softbody_ros.core.shape_matching.modal_flight import (
     blended_response,
     centrifugal_field,
-    put_map,
     put_region_matches,
-    put_turned,
-    rotate,
-    rotation_by,
-    turned,
-    wrench_in,
-    write,
 )
 from softbody_ros.core.shape_matching.moments import (
     TILE,

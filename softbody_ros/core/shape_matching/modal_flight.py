@@ -61,7 +61,6 @@ from softbody_ros.core.geometry.vectors import (
     outer,
     plus,
     product,
-    put_column,
     put_matrix,
     put_vector,
     scaled,
@@ -71,14 +70,13 @@ from softbody_ros.core.geometry.vectors import (
 )
 from softbody_ros.core.lanes import (
     LANES,
-    lanes_of,
     no_vectors,
-    put_vectors,
-    total,
     totals,
     vectors_at,
     weights_at,
 )
+from softbody_ros.core.shape_matching.flight_map import keep_mean, put_map, put_turned, write
+from softbody_ros.core.shape_matching.free_rotation import rotate, rotation_by, turned
 from softbody_ros.core.shape_matching.gains import (
     BREATHING,
     DEGENERATE,
@@ -96,13 +94,11 @@ from softbody_ros.core.shape_matching.matching import (
     fill,
     fit,
     linear_block,
-    mixed_products,
     move_to_rest_volume,
     multiply,
     relative_volume,
     scalar_product,
     scale_transform,
-    squares,
     summed_cross,
     summed_outer,
 )
@@ -121,18 +117,11 @@ from softbody_ros.core.shape_matching.rigid_motion import (
     put_motion,
 )
 
-TURN_STEPS, TURN_CONVERGED = 12, 1e-13
-"""Most fixed-point iterations of the midpoint rule for rotation, and the relative change of the
-angular velocity that ends them: unsolved, the rule loses energy of rotation."""
 SLOW_TURN = 1e-6
 """Square of the angular velocity, relative to the stiffness of followed modes, up to which the
 centrifugal acceleration is taken as constant in a tick."""
 MOST_FLATTENED = 0.5
 """Largest share of the rest volume for which the fit makes up."""
-LARGEST_TURN = 1e4
-"""Angle of rotation in one tick beyond which it has no meaning, rad."""
-SERIES = tuple((1 / (2 * k * (2 * k + 1)), 1 / (2 * k * (2 * k - 1))) for k in range(8, 0, -1))
-"""Ratios of successive terms of the power series of sine and cosine, from the last one on."""
 Response = tuple[float, float, float, float, float, float, float]
 """Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂, Γ₃ of `gains.oscillator_response`."""
 
@@ -642,82 +631,6 @@ def solve(
 
 
 @helper
-def wrench_in(body: np.void, axes: Matrix) -> tuple[Vector, Vector]:
-    """Return force, m/s², and torque, m²/s², on a body with given axes, per mass."""
-    wrench = body['wrench']
-    force = plus(vector_of(wrench[0, 0]), applied(axes, vector_of(wrench[1, 0])))
-    return force, plus(vector_of(wrench[0, 1]), applied(axes, vector_of(wrench[1, 1])))
-
-
-@helper
-def rotate(
-    body: np.void,
-    posture: Matrix,
-    inverse: Matrix,
-    spin: Vector,
-    arm: Vector,
-    gravity: Vector,
-    h: float,
-) -> tuple[Matrix, Vector, Vector]:
-    """
-    Return the rotation of the free rigid body in the tick by the midpoint rule.
-
-    Parameters
-    ----------
-    body : BODY
-    posture : matrix
-        its axes at the start
-    inverse : matrix
-        inverse inertia at the middle, in axes that turn, 1/m²
-    spin : vector
-        angular momentum, which is constant but for the torque, per mass, m²/s
-    arm : vector
-        from what the body turns about to the centre of mass, m
-    gravity : vector
-        m/s²
-
-    Returns
-    -------
-    turn : matrix
-    acceleration, torque : vector
-        by gravity and the wrench, m/s² and, about what it turns about, m²/s²
-
-    """
-    rate, acceleration, torque = applied(inverse, spin), gravity, ZERO
-    for _ in range(TURN_STEPS):
-        turn = rotation_by(scaled(0.5 * h, rate))
-        if body['has_wrench']:
-            force, torque = wrench_in(body, product(turn, posture))
-            acceleration = plus(gravity, force)
-        moment = plus(torque, cross(applied(turn, arm), acceleration))
-        before = rate
-        rate = applied_transposed(turn, along(spin, 0.5 * h, moment))
-        rate = applied(turn, applied(inverse, rate))
-        change = minus(rate, before)
-        if dot(change, change) <= TURN_CONVERGED * TURN_CONVERGED * dot(rate, rate):
-            break
-    return rotation_by(scaled(h, rate)), acceleration, moment
-
-
-@helper
-def put_turned(
-    body: np.void, turn: Matrix, inverse: Matrix, pp: Matrix, internal: Vector, rate: Vector
-) -> None:
-    """Write what contact needs of a flight, from axes that turn with the body."""
-    put_matrix(body['turn'], turn)
-    put_matrix(body['start_inverse_inertia'], turned(turn, inverse))
-    put_matrix(body['second_moments'], turned(turn, pp))
-    put_vector(body['inner_momentum'], applied(turn, internal))
-    put_vector(body['angular_velocity'], applied(turn, rate))
-
-
-@helper
-def turned(turn: Matrix, tensor: Matrix) -> Matrix:
-    """Return E A Eᵀ."""
-    return product(product(turn, tensor), transposed(turn))
-
-
-@helper
 def centrifugal_field(body: np.void, omega: Vector) -> Matrix:
     """
     Return the matrix of the centrifugal acceleration, −Ω × (Ω × r); 1/s².
@@ -856,299 +769,3 @@ def move_modes(body: np.void, undeformed: Matrix, target: float, scratch: np.nda
         moved = along(scaled(followed[2], deviation), followed[3], u)
         moved = along(along(moved, followed[5], k), followed[4], rate)
         put_vector(of_s[f], along(moved, more_v, along_gradient))
-
-
-@helper
-def put_map(
-    rows_of_map: np.ndarray,
-    of_r: Matrix,
-    of_v: Matrix,
-    constant: Vector,
-    mean: Vector,
-    velocity: Vector,
-) -> None:
-    """Write constant + A (y − mean) + B (v − V) as shift + A y + B v."""
-    shift = minus(minus(constant, applied(of_r, mean)), applied(of_v, velocity))
-    put_vector(rows_of_map[0], shift)
-    put_matrix(rows_of_map[1:4], of_r)
-    put_matrix(rows_of_map[4:7], of_v)
-
-
-@helper
-def keep_mean(rows_of_map: np.ndarray, shape: np.void, features: int) -> None:
-    """
-    Subtract from the constant of a map what rounding of the rest shape adds to the mean.
-
-    Means of features are not quite 0 and the sum of the weights not quite 1: as these are the same
-    in each tick, momentum would change steadily.
-    """
-    constant = vector_of(rows_of_map[0])
-    constant = along(constant, -shape['weight_rounding'], constant)
-    for f in range(features):
-        constant = along(constant, -shape['feature_rounding'][f], vector_of(rows_of_map[7 + f]))
-    put_vector(rows_of_map[0], constant)
-
-
-@helper
-def rotation_by(a: Vector) -> Matrix:
-    """
-    Return the rotation about a by |a| radians, by operations with the same rounding everywhere.
-
-    A unit quaternion, by power series of the sine and cosine of an angle that is halved until it
-    is small, and then doubled.
-    """
-    size = dot(a, a)
-    if size > LARGEST_TURN * LARGEST_TURN:
-        factor = LARGEST_TURN / math.sqrt(size)
-        a, size = scaled(factor, a), LARGEST_TURN * LARGEST_TURN
-    z, halvings = 0.25 * size, 0
-    while z > 0.25 and halvings < 32:
-        z *= 0.25
-        halvings += 1
-    sine = cosine = 1.0
-    for k in range(len(SERIES)):
-        sine = 1.0 - z * SERIES[k][0] * sine
-        cosine = 1.0 - z * SERIES[k][1] * cosine
-    for _ in range(halvings):
-        # of the double angle: sin 2φ / 2φ and cos 2φ
-        sine, cosine = sine * cosine, 1.0 - 2.0 * z * sine * sine
-        z *= 4.0
-    x, y, w = 0.5 * sine * a[0], 0.5 * sine * a[1], cosine
-    s = 0.5 * sine * a[2]
-    factor = 2.0 / (w * w + x * x + y * y + s * s)
-    return (
-        (1.0 - factor * (y * y + s * s), factor * (x * y - w * s), factor * (x * s + w * y)),
-        (factor * (x * y + w * s), 1.0 - factor * (x * x + s * s), factor * (y * s - w * x)),
-        (factor * (x * s - w * y), factor * (y * s + w * x), 1.0 - factor * (x * x + y * y)),
-    )
-
-
-# ------------------------------------------------------------------------------------------ write
-@helper
-def write(
-    x: np.ndarray,
-    v: np.ndarray,
-    body: np.void,
-    shape: np.void,
-    q: np.ndarray,
-    new_x: np.ndarray,
-    new_v: np.ndarray,
-) -> None:
-    """Write the particles after the tick by the map of a body."""
-    of_x, of_v = body['map'][0], body['map'][1]
-    shift, drift = vector_of(of_x[0]), vector_of(of_v[0])
-    x_of_y, x_of_u, x_of_q = matrix_of(of_x[1:4]), matrix_of(of_x[4:7]), linear_block(of_x[7:])
-    v_of_y, v_of_u, v_of_q = matrix_of(of_v[1:4]), matrix_of(of_v[4:7]), linear_block(of_v[7:])
-    square_x, square_v = linear_block(of_x[10:]), linear_block(of_v[10:])
-    mixed_x, mixed_v = linear_block(of_x[13:]), linear_block(of_v[13:])
-    is_soft, is_quadratic = body['mode'] != RIGID, has_products(body)
-    if is_quadratic:
-        for f in range(LINEAR, 9):
-            shift = along(shift, -shape['feature_means'][f], vector_of(of_x[7 + f]))
-            drift = along(drift, -shape['feature_means'][f], vector_of(of_v[7 + f]))
-    first, rest = body['first'], first_feature(body, shape) - body['first']
-    end, origin = first + body['count'], vector_of(body['origin'])
-    follows_goals, to_motion = body['follows_goals'], rest + body['count']
-    for i in range(first, end, LANES):
-        left = end - i
-        point = vectors_at(q, rest + i, left)
-        to_x, to_v = plus(shift, applied(x_of_q, point)), plus(drift, applied(v_of_q, point))
-        if is_soft:
-            y, u = minus(vectors_at(x, i, left), origin), vectors_at(v, i, left)
-            to_x = plus(to_x, plus(applied(x_of_y, y), applied(x_of_u, u)))
-            to_v = plus(to_v, plus(applied(v_of_y, y), applied(v_of_u, u)))
-        if is_quadratic:
-            square, mixed = squares(point), mixed_products(point)
-            to_x = plus(to_x, plus(applied(square_x, square), applied(mixed_x, mixed)))
-            to_v = plus(to_v, plus(applied(square_v, square), applied(mixed_v, mixed)))
-        elif follows_goals:
-            motion = vectors_at(q, to_motion + i, left)
-            to_x, to_v = (
-                plus(to_x, applied(square_x, motion)),
-                plus(to_v, applied(square_v, motion)),
-            )
-        put_vectors(new_x, i, left, to_x)
-        put_vectors(new_v, i, left, to_v)
-
-
-@helper
-def put_start_shape(body: np.void, start: np.ndarray, result: np.ndarray) -> float:
-    """
-    Write the start shape x̂ = c' + E (x − c) in the place of the shape after the flight.
-
-    A force that is constant over the tick acts on this shape: in rest it is the one at the end.
-
-    Parameters
-    ----------
-    body : BODY
-        after `fly`
-    start, result : (3, N) float
-        positions before and after, m
-
-    Returns
-    -------
-    float
-        bound of the distance of a particle in both, m: the norm of order 8
-
-    """
-    turn, centre = matrix_of(body['turn']), vector_of(body['centre'])
-    shift = minus(centre, applied(turn, vector_of(body['start_centre'])))
-    first, end, powers, last = body['first'], body['first'] + body['count'], lanes_of(0.0), 0.0
-    whole = end - body['count'] % LANES
-    for i in range(first, whole, LANES):
-        turned = plus(shift, applied(turn, vectors_at(start, i, LANES)))
-        powers = powers + eighth_power(minus(vectors_at(result, i, LANES), turned))
-        put_vectors(result, i, LANES, turned)
-    for i in range(whole, end):
-        place = plus(shift, applied(turn, column_of(start, i)))
-        last += eighth_power(minus(column_of(result, i), place))
-        put_column(result, i, place)
-    return math.sqrt(math.sqrt(math.sqrt(total(powers) + last)))
-
-
-@helper
-def eighth_power(a):  # type: ignore[no-untyped-def]
-    """Return |a|⁸ of a vector, or of lanes."""
-    square = dot(a, a)
-    square = square * square
-    return square * square
-
-
-# ------------------------------------------------------------------------------- single particles
-@helper
-def mapped(
-    body: np.void,
-    of: np.ndarray,
-    shape: np.void,
-    q: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    i: int,
-) -> Vector:
-    """Return one of the maps of a body at particle i of the world, from the start x, v."""
-    result = vector_of(of[0])
-    y, u = minus(column_of(x, i), vector_of(body['origin'])), column_of(v, i)
-    result = plus(result, applied(matrix_of(of[1:4]), y))
-    result = plus(result, applied(matrix_of(of[4:7]), u))
-    rest = first_feature(body, shape) + i - body['first']
-    if body['follows_goals']:
-        motion = column_of(q, rest + body['count'])
-        result = plus(result, applied(linear_block(of[10:]), motion))
-    return with_features(result, of[7:], has_products(body), shape, q, rest)
-
-
-@helper
-def first_feature(body: np.void, shape: np.void) -> int:
-    """Return the column of `q` with the features, or the goal, of the first particle."""
-    return body['first_goal'] if body['follows_goals'] else shape['first']
-
-
-@helper
-def has_products(body: np.void) -> bool:
-    """Return whether products of features, too, are in the map of a body."""
-    return body['mode'] > 1 and not body['follows_goals']
-
-
-@helper
-def with_features(
-    start: Vector, transform: np.ndarray, is_quadratic: bool, shape: np.void, q: np.ndarray, i: int
-) -> Vector:
-    """Return a vector and T f at particle i of the rest shapes."""
-    rest_q = column_of(q, i)
-    result = plus(start, applied(linear_block(transform), rest_q))
-    if is_quadratic:
-        square, mixed = products_at(shape, rest_q)
-        result = plus(result, applied(linear_block(transform[3:]), square))
-        result = plus(result, applied(linear_block(transform[6:]), mixed))
-    return result
-
-
-@helper
-def products_at(shape: np.void, rest_q: Vector) -> tuple[Vector, Vector]:
-    """Return the quadratic features at a rest position: squares and mixed products."""
-    means = shape['feature_means']
-    square = minus(squares(rest_q), vector_of(means[3:]))
-    return square, minus(mixed_products(rest_q), vector_of(means[6:]))
-
-
-@helper
-def position_after(
-    body: np.void, shape: np.void, q: np.ndarray, x: np.ndarray, v: np.ndarray, i: int
-) -> Vector:
-    """
-    Return the position of particle i of the world after the flight of its body, m.
-
-    Parameters
-    ----------
-    body : BODY
-        after `fly`
-    shape : SHAPE
-    q : (3, M) float
-        of all rest shapes
-    x, v : (3, N) float
-        at the start of the tick
-    i : int
-
-    """
-    return mapped(body, body['map'][0], shape, q, x, v, i)
-
-
-@helper
-def velocity_after(
-    body: np.void, shape: np.void, q: np.ndarray, x: np.ndarray, v: np.ndarray, i: int
-) -> Vector:
-    """Return the velocity of a particle after the flight of its body, see `position_after`."""
-    return mapped(body, body['map'][1], shape, q, x, v, i)
-
-
-@helper
-def whiten(body: np.void, shape: np.void, moments: np.ndarray, result: np.ndarray) -> None:
-    """
-    Write moments Σ w ψ aᵀ with whitened features of moments Σ w f aᵀ.
-
-    Parameters
-    ----------
-    body : BODY
-    shape : SHAPE
-    moments, result : (9, 3) float
-        the moments of a BODY record: 3 rows are used in mode linear, all in mode quadratic
-
-    """
-    if body['mode'] > 1:
-        multiply(shape['whitening_quadratic'], moments, result)
-    else:
-        multiply(shape['whitening_linear'], moments[:LINEAR], result[:LINEAR])
-
-
-@helper
-def whitened_features(
-    body: np.void, shape: np.void, q: np.ndarray, i: int, psi: np.ndarray
-) -> int:
-    """
-    Write the features ψ of particle i of the world with Σ w ψ ψᵀ = 1, and return their number.
-
-    Those in place of combinations of features that the shape does not span are 0.
-
-    Parameters
-    ----------
-    body : BODY
-    shape : SHAPE
-    q : (3, M) float
-        of all rest shapes
-    i : int
-    psi : (9,) float
-
-    """
-    rest_q = column_of(q, shape['first'] + i - body['first'])
-    if body['mode'] == RIGID:
-        return 0
-    if body['mode'] == 1:
-        for k in range(LINEAR):
-            psi[k] = dot(vector_of(shape['whitening_linear'][k]), rest_q)
-        return LINEAR
-    square, mixed = products_at(shape, rest_q)
-    for k in range(9):
-        row = shape['whitening_quadratic'][k]
-        psi[k] = dot(vector_of(row), rest_q) + dot(vector_of(row[3:]), square)
-        psi[k] += dot(vector_of(row[6:]), mixed)
-    return 9
