@@ -19,8 +19,8 @@ COUNT = 512
 
 # each loop as a kernel of its own: in a whole tick other code has vector instructions, too
 @kernel
-def store_predicted(x, v, y):
-    moments.store_predicted(x, v, 0, x.shape[1], (0.1, 0.2, 0.3), 0.4, y, 0)
+def store_offsets(x, y):
+    moments.store_offsets(x, 0, x.shape[1], (0.1, 0.2, 0.3), y, 0)
 
 
 @kernel
@@ -50,7 +50,7 @@ def add_rigid_displacement(x, v):
 
 FIELD = (3, COUNT)
 ARRAYS = {
-    store_predicted: [FIELD] * 3,
+    store_offsets: [FIELD] * 2,
     sums_of_tile: [FIELD, FIELD, (COUNT,), (5, 3)],
     moments_of_tile: [FIELD, FIELD, (COUNT,), (3, 3, 3)],
     write: [FIELD] * 5,
@@ -58,7 +58,7 @@ ARRAYS = {
 }
 """Arguments of each."""
 OPERATIONS = {
-    'store_predicted': 9,
+    'store_offsets': 3,
     'sums_of_tile': 36,
     'moments_of_tile': 24,
     'write': 156,

@@ -195,7 +195,7 @@ def fly(
         moment, of_v = scratch[0], scratch[1]
         origin = sample_mean(x0, body)
         offset = scaled(-1.0, origin)
-        total = particle_sums(x0, v0, body, shape, weights, q, offset, 0.0, moment, of_v, tile)
+        total = particle_sums(x0, v0, body, shape, weights, q, offset, moment, of_v, tile)
         if not (is_finite(total.y, moment) and is_finite(total.v, of_v)):
             return 1 + awake[index]
         centre = plus(origin, total.y)

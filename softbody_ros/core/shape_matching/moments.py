@@ -3,8 +3,7 @@
 """
 Sums over the particles of a body: moments of positions and velocities with the features.
 
-Particles go through in tiles, which stay in the first cache, and in a fixed order. The predicted
-positions are not stored: they are computed anew where they are read.
+Particles go through in tiles, which stay in the first cache, and in a fixed order.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ class Tile(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over particles, with weights w: of predicted positions y and velocities v."""
+    """Sums over particles, with weights w: of positions y and velocities v."""
 
     y: Vector
     v: Vector
@@ -73,28 +72,13 @@ def sample_mean(x: np.ndarray, body: np.void) -> Vector:
 
 
 @helper
-def predict(
-    x: np.ndarray, v: np.ndarray, i: int, left: int, offset: Vector, h: float
-) -> LaneVector:
-    """Return the predicted positions x + h v + h² g / 2 of particles i … i + 3, from an origin."""
-    return along(plus(vectors_at(x, i, left), offset), h, vectors_at(v, i, left))
-
-
-@helper
-def store_predicted(
-    x: np.ndarray,
-    v: np.ndarray,
-    start: int,
-    stop: int,
-    offset: Vector,
-    h: float,
-    y: np.ndarray,
-    y_start: int,
+def store_offsets(
+    x: np.ndarray, start: int, stop: int, offset: Vector, y: np.ndarray, y_start: int
 ) -> None:
-    """Write predicted positions of particles to columns of y that begin elsewhere."""
+    """Write positions of particles, plus an offset, to columns of y that begin elsewhere."""
     for i in range(start, stop, LANES):
         left = stop - i
-        put_vectors(y, y_start - start + i, left, predict(x, v, i, left, offset, h))
+        put_vectors(y, y_start - start + i, left, plus(vectors_at(x, i, left), offset))
 
 
 @helper
@@ -187,13 +171,12 @@ def particle_sums(
     weights: np.ndarray,
     q: np.ndarray,
     offset: Vector,
-    h: float,
     yf: np.ndarray,
     vf: np.ndarray,
     y: np.ndarray,
 ) -> Sums:
     """
-    Return the sums over all particles, at y = x + offset + h v, tile by tile in a fixed order.
+    Return the sums over all particles, at y = x + offset, tile by tile in a fixed order.
 
     Σ w f y and Σ w f v are written as yf and vf (F, 3).
     """
@@ -203,7 +186,7 @@ def particle_sums(
     end = body['first'] + body['count']
     for start in range(body['first'], end, TILE):
         tile = Tile(start, min(start + TILE, end), shape['first'] - body['first'])
-        store_predicted(x, v, start, tile.stop, offset, h, y, 0)
+        store_offsets(x, start, tile.stop, offset, y, 0)
         of_y, of_v, first_half, second_half, angular = sums_of_tile(tile, y, -start, v, weights)
         mean_y, mean_v, yxv = plus(mean_y, of_y), plus(mean_v, of_v), plus(yxv, angular)
         upper, lower = plus(upper, first_half), plus(lower, second_half)
