@@ -42,6 +42,7 @@ from softbody_ros.core import Surface, make_surface
 from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
 from softbody_ros.core.geometry.vectors import column_of, put_column, put_matrix, vector_of
+from softbody_ros.core.lanes import LANES
 from softbody_ros.core.shape_matching import flight_map, free_rotation, modal_flight
 from softbody_ros.core.shape_matching.gains import (
     BREATHING,
@@ -504,7 +505,7 @@ def test_a_rigid_motion_is_one_of_the_free_rigid_body(mode):
     """Undeformed bodies turn by the midpoint rule; soft ones widen as the square of the spin."""
     flights = Flights(body(brick(), mode=mode))
     rest, h = flights.bodies[0].rest, flights.h
-    x, v = rigid_state(rest, seed=3)
+    x = rigid_state(rest, seed=3)[0]
     flights.put(x, v)
     velocity, spin = flights.momenta()
     r = x - rest.weights @ x
@@ -898,6 +899,25 @@ def all_after(body, shape, q, x, v, result):
     flight_map.put_start_shape(body, x, copy)
     for k in range(body['count']):
         put_column(result[2], k, column_of(copy, body['first'] + k))
+
+
+@kernel
+def distance_from_start(bodies, x, result, bound):
+    bound[0] = flight_map.put_start_shape(bodies[0], x, result)
+
+
+@pytest.mark.parametrize('mode', SOFT)
+def test_the_start_shape_of_a_body_that_moves_rigidly_is_its_flight_wherever_it_is(mode):
+    flights = Flights(body(pebble(), mode=mode))
+    rest, record = flights.bodies[0].rest, flights.state.bodies[0]
+    assert len(rest.weights) % LANES, 'some lanes of the last particles have none'
+    x = rigid_state(rest, seed=3)[0]
+    flights.put(x + (100.0, -50.0, 20.0), np.cross((1e-3, 0.0, 0.0), x) + (3.0, 0.0, 0.0))
+    assert flights.fly() == 0
+    result, bound = flights.state.x[1 - record['now']].copy(), np.zeros(1)
+    distance_from_start(flights.state.bodies, flights.state.x[record['now']], result, bound)
+    assert bound[0] < 1e-8
+    assert pytest.approx(flights.flown()[0], abs=1e-8) == result.T
 
 
 @kernel
