@@ -505,7 +505,7 @@ def test_a_rigid_motion_is_one_of_the_free_rigid_body(mode):
     """Undeformed bodies turn by the midpoint rule; soft ones widen as the square of the spin."""
     flights = Flights(body(brick(), mode=mode))
     rest, h = flights.bodies[0].rest, flights.h
-    x = rigid_state(rest, seed=3)[0]
+    x, v = rigid_state(rest, seed=3)
     flights.put(x, v)
     velocity, spin = flights.momenta()
     r = x - rest.weights @ x
