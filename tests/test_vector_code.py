@@ -3,14 +3,13 @@
 """The hot loops over particles consist of vector instructions, lest that is lost silently."""
 
 from compiled_code import vector_instructions
-import llvmlite.binding
 import numpy as np
 import pytest
 
 from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
 from softbody_ros.core.geometry.vectors import put_matrix, put_vector
-from softbody_ros.core.shape_matching import flight_map, moments, rigid_motion
+from softbody_ros.core.shape_matching import flight_map, moments
 from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
 pytestmark = pytest.mark.skipif(not is_compiled(), reason='plain Python has no instructions')
@@ -42,19 +41,12 @@ def write(x, v, q, to_x, to_v, bodies, shapes):
     flight_map.write(x, v, bodies[0], shapes[0], q, to_x, to_v)
 
 
-@kernel
-def add_rigid_displacement(x, v):
-    linear, angular, centre = (0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.7, 0.8, 0.9)
-    rigid_motion.add_rigid_displacement(x, v, 0, x.shape[1], centre, linear, angular, 0.1)
-
-
 FIELD = (3, COUNT)
 ARRAYS = {
     store_offsets: [FIELD] * 2,
     sums_of_tile: [FIELD, FIELD, (COUNT,), (5, 3)],
     moments_of_tile: [FIELD, FIELD, (COUNT,), (3, 3, 3)],
     write: [FIELD] * 5,
-    add_rigid_displacement: [FIELD] * 2,
 }
 """Arguments of each."""
 OPERATIONS = {
@@ -62,11 +54,8 @@ OPERATIONS = {
     'sums_of_tile': 36,
     'moments_of_tile': 24,
     'write': 156,
-    'add_rigid_displacement': 12,
 }
 """Of floats for one particle: as vectors there are at least as many instructions."""
-MANY_ARRAYS = {'add_rigid_displacement'}
-"""More than the oldest supported compiler checks for overlap: it leaves this loop scalar."""
 
 
 def records():
@@ -79,8 +68,6 @@ def records():
 
 @pytest.mark.parametrize('loop', ARRAYS, ids=lambda loop: loop.__name__)
 def test_a_hot_loop_is_vectorised(loop):
-    if loop.__name__ in MANY_ARRAYS and llvmlite.binding.llvm_version_info < (15,):
-        pytest.skip('six arrays are too many for LLVM 14: other loops tell whether it vectorises')
     loop(*(np.ones(shape) for shape in ARRAYS[loop]), *(records() if loop is write else ()))
     assert vector_instructions(loop) >= OPERATIONS[loop.__name__]
 

@@ -55,7 +55,6 @@ BODY = np.dtype(
         ('largest_strain', np.float64),
         ('whole_body_weight', np.float64),
         ('elasticity', np.float64),
-        ('bounciness', np.float64),
         ('friction', np.float64),
         ('coulomb', np.bool_),
         ('thickness', np.float64),  # m

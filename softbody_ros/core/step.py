@@ -162,13 +162,17 @@ class Integrator:
         state, to_goals = self._state, self._to_goals[chosen]
         shapes = state.shapes, state.weights, state.q, state.x, state.v
         matches = state.stretch, state.match_centre, state.match_posture, state.regions
-        failed = modal_flight.fly(
-            state.bodies, chosen[~to_goals], *shapes, *matches, state.member,
-            state.weighted_features, state.faces, gravity, h,
-        ) or goal_flight.fly_to_goals(
-            state.bodies, chosen[to_goals], *shapes, *matches, state.member, state.features,
-            state.weighted_features, state.pinned, gravity, h,
-        )  # fmt: skip
+        others, failed = chosen[to_goals], 0
+        if len(others) < len(chosen):
+            failed = modal_flight.fly(
+                state.bodies, chosen[~to_goals], *shapes, *matches, state.member,
+                state.weighted_features, state.faces, gravity, h,
+            )  # fmt: skip
+        if len(others) and not failed:
+            failed = goal_flight.fly_to_goals(
+                state.bodies, others, *shapes, *matches, state.member, state.features,
+                state.weighted_features, state.pinned, gravity, h,
+            )  # fmt: skip
         if failed:
             self._fail(failed)
 

@@ -66,7 +66,6 @@ from softbody_ros.core.shape_matching.rigid_motion import INERTIA_CUT
 
 RIGID_MODES = 6
 """Modes of any body: three translations, three rotations."""
-MOST_MODES = RIGID_MODES + 3 * QUADRATIC_FEATURES
 SMALL_RESPONSE = 1e-12
 """Of deformation, relative to that of a rigid body: below it there is none."""
 

@@ -156,7 +156,7 @@ def put_gains(
     record['creep'] = -math.expm1(-body.plasticity_creep * step)
     record['largest_strain'] = body.plasticity_max
     record['whole_body_weight'] = body.regions_whole_body_weight if body.regions_count else 1.0
-    record['elasticity'], record['bounciness'] = body.elasticity, body.bounciness
+    record['elasticity'] = body.elasticity
     record['friction'], record['coulomb'] = friction, body.friction_model == 'coulomb'
     record['thickness'], record['mass'] = body.thickness, body.mass
     record['pins_linear'] = body.pins_velocity_linear

@@ -73,6 +73,7 @@ from softbody_ros.core.geometry.vectors import (
 )
 from softbody_ros.core.lanes import (
     LANES,
+    LaneVector,
     lanes_of,
     no_vectors,
     put_vectors,
@@ -393,9 +394,17 @@ def look_ahead(
     end, turning = body['first'] + body['count'], times(-1.0, cross_matrix(motion.rate))
     for i in range(first, end, LANES):
         left = end - i
-        r = minus(vectors_at(x, i, left), motion.pivot)
-        u = plus(minus(vectors_at(v, i, left), motion.velocity), applied(turning, r))
+        r, u = deformation_at(x, v, motion, turning, i, left)
         put_vectors(q, to_goal + i, left, along(r, time, u))
+
+
+@helper
+def deformation_at(
+    x: np.ndarray, v: np.ndarray, motion: Motion, turning: Matrix, i: int, left: int
+) -> tuple[LaneVector, LaneVector]:
+    """Return r and u = v − V − Ω × r of particles i … i + 3, given the matrix of − Ω × r."""
+    r = minus(vectors_at(x, i, left), motion.pivot)
+    return r, plus(minus(vectors_at(v, i, left), motion.velocity), applied(turning, r))
 
 
 @helper
@@ -623,8 +632,7 @@ def followed_share(
     for i in range(body['first'], end, LANES):
         left = end - i
         w, u_g = weights_at(weights, rest + i, left), vectors_at(q, to_motion + i, left)
-        r = minus(vectors_at(x, i, left), motion.pivot)
-        u = plus(minus(vectors_at(v, i, left), motion.velocity), applied(turning, r))
+        _, u = deformation_at(x, v, motion, turning, i, left)
         both, square = both + w * dot(u, u_g), square + w * dot(u_g, u_g)
     follows, size = kept * total(both), total(square)
     if follows >= size:

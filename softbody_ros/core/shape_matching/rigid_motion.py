@@ -100,49 +100,6 @@ def put_motion(
     put_matrix(body['inverse_inertia'], inverse)
 
 
-@helper
-def add_rigid_displacement(
-    x: np.ndarray,
-    v: np.ndarray,
-    first: int,
-    last: int,
-    centre: Vector,
-    velocity: Vector,
-    angular_velocity: Vector,
-    time: float,
-) -> None:
-    """
-    Add a rigid motion to the velocities of a body, and its displacement in a time.
-
-    Parameters
-    ----------
-    x, v : (3, N) float
-        m, m/s: changed in place
-    first, last : int
-        range of its particles; `last` is exclusive
-    centre, velocity, angular_velocity : vector
-        m, m/s, rad/s
-    time : float
-        s; if it is 0 positions stay
-
-    """
-    a0, a1, a2 = minus(velocity, cross(angular_velocity, centre))
-    w0, w1, w2 = angular_velocity
-    x0, x1, x2 = x[0, first:last], x[1, first:last], x[2, first:last]
-    v0, v1, v2 = v[0, first:last], v[1, first:last], v[2, first:last]
-    for i in range(last - first):
-        p, q, r = x0[i], x1[i], x2[i]
-        d0 = a0 + (w1 * r - w2 * q)
-        d1 = a1 + (w2 * p - w0 * r)
-        d2 = a2 + (w0 * q - w1 * p)
-        v0[i] += d0
-        v1[i] += d1
-        v2[i] += d2
-        x0[i] = p + time * d0
-        x1[i] = q + time * d1
-        x2[i] = r + time * d2
-
-
 @kernel
 def motion_of(
     x: np.ndarray, v: np.ndarray, weights: np.ndarray, scale: float, result: np.ndarray
