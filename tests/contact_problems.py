@@ -9,8 +9,14 @@ from softbody_ros.core.contact.newton import descend, majorise, minimise
 from softbody_ros.core.contact.problem import Problem, find_diagonals, sum_forces
 from softbody_ros.core.contact.rows import ROW
 from softbody_ros.core.contact.solver import solve, sweep
+from softbody_ros.core.lanes import LANES
 
 RIGID, LINEAR, QUADRATIC = 6, 15, 33
+
+
+def width(modes):
+    """Return the room for the amplitudes of so many modes."""
+    return -(-modes // LANES) * LANES
 
 
 @kernel
@@ -67,14 +73,15 @@ class Case:
             row['particles'][corner], row['shares'][corner] = particle, share
         for name, value in values.items():
             row[name] = value
-        jacobian = np.zeros((2, 3, max(self.counts, default=RIGID) + 1))
+        jacobian = np.zeros((2, 3, width(max(self.counts, default=RIGID)) + 1))
         jacobian[0, :, : j_one.shape[-1]] = j_one
         if two >= 0:
             jacobian[1, :, : j_two.shape[-1]] = j_two
         for particle, share in shares:
             side, member = (0, one) if share > 0.0 else (1, two)
             if self.counts[member] > RIGID:
-                jacobian[side, :, self.counts[member]] += share * frame @ self.stiffer[particle]
+                last = width(self.counts[member])
+                jacobian[side, :, last] += share * frame @ self.stiffer[particle]
         self.rows.append(row)
         self.jacobian.append(jacobian)
 
@@ -85,7 +92,7 @@ class Case:
         if isinstance(self.rows, list):
             self.rows = np.array(self.rows, ROW)
             self.jacobian = np.array(self.jacobian).reshape(
-                len(self.rows), 2, 3, max(self.counts, default=RIGID) + 1
+                len(self.rows), 2, 3, width(max(self.counts, default=RIGID)) + 1
             )
 
     def solve(self, tolerance=1e-11, is_large=False):
@@ -100,8 +107,8 @@ class Case:
 
     def arguments(self, factored):
         self.freeze()
-        members, most = len(self.counts), self.jacobian.shape[-1] - 1
-        self.modes = np.zeros((3, members, most + 1))
+        members, most = len(self.counts), max(self.counts, default=RIGID)
+        self.modes = np.zeros((3, members, self.jacobian.shape[-1]))
         self.shifts = np.zeros((2, 3, len(self.mobility)))
         return (
             self.rows, self.jacobian, self.counts, self.mobility, self.modes, self.shifts,
@@ -111,7 +118,7 @@ class Case:
     def operator(self):
         """Return W + c, (3 k, 3 k), assembled independently."""
         self.freeze()
-        count, most = len(self.rows), self.jacobian.shape[-1] - 1
+        count, most = len(self.rows), max(self.counts, default=RIGID)
         modes = np.zeros((count, 3, len(self.counts), most))
         shares = np.zeros((count, 3, len(self.mobility), 3))
         owners = np.full(len(self.mobility), -1)

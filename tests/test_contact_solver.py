@@ -12,6 +12,7 @@ from contact_problems import (
     grid_cube,
     outwards,
     stack,
+    width,
 )
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_what_other_bodies_could_do_does_not_change_the_solution(seed):
     more.counts = np.append(more.counts, QUADRATIC)
     more.mobility = np.append(more.mobility, np.ones(5))
     more.stiffer = np.append(more.stiffer, np.ones((5, 3)), axis=0)
-    room = ((0, 0), (0, 0), (0, QUADRATIC - RIGID))
+    room = ((0, 0), (0, 0), (0, width(QUADRATIC) - width(RIGID)))
     more.jacobian = [np.pad(j, room, constant_values=np.nan) for j in more.jacobian]
     more.solve(1e-11)
     assert (more.rows['force'] == few.rows['force']).all()
@@ -188,7 +189,9 @@ def test_a_displacement_is_reduced_by_the_share_along_one_direction_only(share):
     body, case = squeezed(share)
     case.solve(1e-12)
     without = case.shifts[0].T
-    displacement = without - body.stiffer(1.0) * np.sqrt(share) * case.modes[0, 0, body.count]
+    displacement = (
+        without - body.stiffer(1.0) * np.sqrt(share) * case.modes[0, 0, width(body.count)]
+    )
     volume = outwards(body.q)
     assert np.abs((volume * without).sum()) > 0.01
     assert (volume * displacement).sum() == pytest.approx(

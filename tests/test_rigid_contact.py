@@ -4,6 +4,7 @@
 
 import math
 
+from contact_problems import width
 from core_helpers import body as body_config
 from core_helpers import centre, floating, momentum
 import numpy as np
@@ -296,7 +297,7 @@ def solve_all(rows, jacobian, members, tolerance, result):
         jacobian,
         np.full(members, RIGID),
         np.empty(0),
-        np.empty((3, members, RIGID + 1)),
+        np.zeros((3, members, jacobian.shape[3])),
         np.empty((2, 3, 0)),
         np.empty((members, members, RIGID, RIGID)),
         np.empty((members, members), np.bool_),
@@ -333,7 +334,8 @@ def test_a_solution_meets_the_laws_of_contact(members, friction, seed):
     rows['base'][:, 0] = random.choice([0.0, 0.2], count)
     rows['radius'] = 0.0
     result = np.zeros(3)
-    room = np.full((count, 2, 3, 1), np.nan)
+    room = np.zeros((count, 2, 3, width(RIGID) + 1 - RIGID))
+    room[..., -1] = np.nan
     solve_all(rows, np.concatenate([jacobian, room], axis=3), members, 1e-10, result)
     assert result[0] <= 1e-10
     # the same operator, written independently

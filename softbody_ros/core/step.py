@@ -116,6 +116,7 @@ class Integrator:
         self._contacts = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT)
         self._rows, self._memory = np.zeros(64, ROW), np.zeros(64, MEMORY)
         self._places = np.full(state.x.shape[2], -1)
+        self._flown = np.empty(state.x.shape[1:])
         self.work = np.zeros(3, np.int64)
         self.update()
 
@@ -189,11 +190,19 @@ class Integrator:
         memory, found = state.contact_memory, 0
         others = self._any_pairs or bool(environment.fixed_points)
         resolution.begin_members(
-            bodies, chosen, state.shapes, state.x, environment.records, h, others, members
+            bodies,
+            chosen,
+            state.shapes,
+            state.x,
+            self._flown,
+            environment.records,
+            h,
+            others,
+            members,
         )
         while True:
             found = resolution.find_obstacle_rows(
-                bodies, state.shapes, state.weights, state.q, state.x, state.v,
+                bodies, state.shapes, state.weights, state.x, state.v, self._flown,
                 environment.records, environment.trees, h, memory, members, self._contacts,
                 self._rows, state.is_pinned,
             )  # fmt: skip
@@ -205,9 +214,10 @@ class Integrator:
         if len(self._memory) < found:
             self._memory = np.zeros(len(self._rows), MEMORY)
         kept = resolution.resolve(
-            bodies, state.shapes, state.weights, state.q, state.x, state.v, environment.records,
-            environment.trees, h, members, self._rows[:found], self._places, self._memory,
-            state.obstacle_impulse, state.normal_impulse, self.work, state.is_pinned,
+            bodies, state.shapes, state.weights, state.q, state.x, state.v, self._flown,
+            environment.records, environment.trees, h, members, self._rows[:found], self._places,
+            self._memory, state.obstacle_impulse, state.normal_impulse, self.work,
+            state.is_pinned,
         )  # fmt: skip
         if kept == 0:
             return NO_MEMORY
@@ -238,8 +248,8 @@ class Integrator:
             rows[:found] = self._rows[:found]
             self._rows = rows
         return resolution.find_face_rows(
-            state.bodies, contacts, environment.point_sets, state.shapes, state.weights, state.q,
-            state.x, state.v, h, state.contact_memory, members, self._rows, found,
+            state.bodies, contacts, environment.point_sets, state.shapes, state.weights, state.x,
+            state.v, self._flown, h, state.contact_memory, members, self._rows, found,
         )  # fmt: skip
 
 

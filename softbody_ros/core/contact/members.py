@@ -26,6 +26,7 @@ import numpy as np
 
 from softbody_ros.core.body import QUADRATIC_FEATURES, RIGID
 from softbody_ros.core.compiled import helper
+from softbody_ros.core.contact.problem import width_of
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
     ZERO,
@@ -35,6 +36,7 @@ from softbody_ros.core.geometry.vectors import (
     along,
     applied,
     applied_transposed,
+    column_of,
     combined,
     cross,
     dot,
@@ -50,12 +52,7 @@ from softbody_ros.core.geometry.vectors import (
     transposed,
     vector_of,
 )
-from softbody_ros.core.shape_matching.flight_map import (
-    position_after,
-    velocity_after,
-    whiten,
-    whitened_features,
-)
+from softbody_ros.core.shape_matching.flight_map import whiten, whitened_features
 from softbody_ros.core.shape_matching.gains import BREATHING, FOLLOWED, RESIDUAL
 from softbody_ros.core.shape_matching.pins import THIN, inverse_about
 from softbody_ros.core.shape_matching.polar_decomposition import (
@@ -101,6 +98,7 @@ MEMBER = np.dtype(
         # moments with the whitened features, see `modal_flight`
         ('shape', np.float64, (QUADRATIC_FEATURES, 3)),  # D, m
         ('volume', np.float64, (QUADRATIC_FEATURES, 3)),  # A, of size 1
+        ('volume_turning', np.float64, (3,)),  # Σ D × A, m
         ('offset', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w ψ pᵀ, m
         ('speed', np.float64, (QUADRATIC_FEATURES, 3)),  # Σ w ψ sᵀ, m/s
         ('second_moments', np.float64, (3, 3)),  # Σ w p pᵀ, m²
@@ -134,6 +132,8 @@ PARTICLE = np.dtype(
         ('features', np.float64, (QUADRATIC_FEATURES,)),  # ψ
         ('offset', np.float64, (3,)),  # p from the centre after the flight, m
         ('speed', np.float64, (3,)),  # velocity of deformation s then, m/s
+        ('end_offset', np.float64, (3,)),  # R (p + T ψ), after the tick, m
+        ('end_speed', np.float64, (3,)),  # R (s + T' ψ), m/s
         ('shift', np.float64, (3,)),  # by contacts, of the residual, m
         ('velocity', np.float64, (3,)),  # of it, m/s
     ],
@@ -176,6 +176,11 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
         whiten(body, shape, body['volume_moment'], member['volume'])
         whiten(body, shape, body['offset_moment'], member['offset'])
         whiten(body, shape, body['velocity_moment'], member['speed'])
+    turning = ZERO
+    for k in range(member['features']):
+        own = cross(vector_of(member['shape'][k]), vector_of(member['volume'][k]))
+        turning = plus(turning, own)
+    put_vector(member['volume_turning'], turning)
 
 
 @helper
@@ -214,11 +219,11 @@ def put_particle(
     shape: np.void,
     weight: float,
     q: np.ndarray,
-    x: np.ndarray,
+    flown: np.ndarray,
     v: np.ndarray,
     is_pinned: bool,
 ) -> None:
-    """Write a particle at a contact, after the flight from x, v (3, N)."""
+    """Write a particle at a contact, with positions and velocities (3, N) after the flight."""
     particle['column'], particle['member'], particle['weight'] = column, number, weight
     particle['rows'] = 0
     inertia = max(weight, LEAST_SHARE / body['count'])
@@ -226,8 +231,8 @@ def put_particle(
     particle['mobility'] = 0.0 if is_pinned else member['mobility'] / (inertia * member['mass'])
     if member['features'] > 0:
         whitened_features(body, shape, q, column, particle['features'])
-    offset = minus(position_after(body, shape, q, x, v, column), vector_of(member['centre']))
-    speed = minus(velocity_after(body, shape, q, x, v, column), vector_of(member['velocity']))
+    offset = minus(column_of(flown, column), vector_of(member['centre']))
+    speed = minus(column_of(v, column), vector_of(member['velocity']))
     put_vector(particle['offset'], offset)
     speed = minus(speed, cross(vector_of(member['angular_velocity']), offset))
     put_vector(particle['speed'], speed)
@@ -243,56 +248,69 @@ def put_modes(
     sign: float,
     arm: Vector,
     features: np.ndarray,
-    direction: Vector,
+    row: np.void,
     at_end: bool,
 ) -> None:
     """
-    Write the responses of the modes of a body to a unit force.
+    Write the responses of the modes of a body to unit forces along normal and tangents.
 
     In units in which the energy of a displacement by a force is half the squared amplitudes.
 
     Parameters
     ----------
-    jacobian : (M,) float
+    jacobian : (3, width of M + 1) float
         written
     member : MEMBER
     sign : float
         of the force
-    arm, direction : vector
-        where it acts, from the centre, m, and its direction
+    arm : vector
+        where it acts, from the centre, m
     features : (9,) float
         ψ there
+    row : ROW
+        the contact
     at_end : bool
-        whether arm and direction are those after the tick, instead of after the flight
+        whether arm and directions are those after the tick, instead of after the flight
 
     """
-    size = sign / math.sqrt(member['mass'])
-    moment, root = cross(arm, direction), matrix_of(member['root'])
-    if at_end:
-        rotation = matrix_of(member['rotation'])
-        moment = applied_transposed(rotation, moment)
-        direction = applied_transposed(rotation, direction)
-    local = applied_transposed(root, moment)
-    rigid = size * member['response'][0]
+    size, root = sign / math.sqrt(member['mass']), matrix_of(member['root'])
+    rigid, count = size * member['response'][0], member['features']
     shifting = 0.0 if member['has_pins'] else rigid
+    shape, volume, response = member['shape'], member['volume'], member['response']
+    rotation, volume_feature = matrix_of(member['rotation']), ZERO
+    for k in range(count):
+        volume_feature = along(volume_feature, features[k], vector_of(volume[k]))
+    modes = RIGID_MODES + 3 * count
+    last = width_of(modes)
     for axis in range(3):
-        jacobian[axis] = shifting * direction[axis]
-        jacobian[3 + axis] = rigid * local[axis]
-    if not member['is_soft']:
-        return
-    count, shape, volume = member['features'], member['shape'], member['volume']
-    last = RIGID_MODES + 3 * count
-    angle, along_volume = applied(root, local), 0.0
-    for k in range(count):
-        own = minus(scaled(features[k], direction), cross(angle, vector_of(shape[k])))
-        along_volume += dot(own, vector_of(volume[k]))
-        for axis in range(3):
-            jacobian[RIGID_MODES + 3 * k + axis] = size * member['response'][1] * own[axis]
-    more = size * (member['response'][2] - member['response'][1]) * along_volume
-    for k in range(count):
-        for axis in range(3):
-            jacobian[RIGID_MODES + 3 * k + axis] += more * volume[k, axis]
-    jacobian[last] = size * member['response'][3] * along_volume
+        direction = vector_of(row['normal'])
+        if axis > 0:
+            direction = vector_of(row['tangents'][axis - 1])
+        moment = cross(arm, direction)
+        if at_end:
+            moment = applied_transposed(rotation, moment)
+            direction = applied_transposed(rotation, direction)
+        local = applied_transposed(root, moment)
+        for each in range(3):
+            jacobian[axis, each] = shifting * direction[each]
+            jacobian[axis, 3 + each] = rigid * local[each]
+        for mode in range(modes, last + 1):
+            jacobian[axis, mode] = 0.0
+        if count == 0:
+            continue
+        angle, followed = applied(root, local), scaled(size * response[1], direction)
+        along_volume = dot(direction, volume_feature)
+        along_volume -= dot(angle, vector_of(member['volume_turning']))
+        angle = scaled(size * response[1], angle)
+        more = size * (response[2] - response[1]) * along_volume
+        for k in range(count):
+            own = minus(scaled(features[k], followed), cross(angle, vector_of(shape[k])))
+            own = along(own, more, vector_of(volume[k]))
+            first = RIGID_MODES + 3 * k
+            jacobian[axis, first] = own[0]
+            jacobian[axis, first + 1] = own[1]
+            jacobian[axis, first + 2] = own[2]
+        jacobian[axis, last] = size * response[3] * along_volume
 
 
 @helper
@@ -305,7 +323,7 @@ def put_fit(
     Parameters
     ----------
     member : MEMBER
-    y : (M + 1,) float
+    y : (width of M + 1,) float
         amplitudes of its modes, and of what is stiffer than residuals
     factor : float
     of_velocity : bool
@@ -325,7 +343,7 @@ def put_fit(
             along_volume += volume[k, axis] * amplitude
             fit[k, axis] = followed * amplitude
     more = (breathing - followed) * along_volume
-    more -= stiffer * size * y[RIGID_MODES + 3 * member['features']]
+    more -= stiffer * size * y[width_of(RIGID_MODES + 3 * member['features'])]
     for k in range(member['features']):
         for axis in range(3):
             fit[k, axis] += more * volume[k, axis]
@@ -467,7 +485,8 @@ def put_rotation(members: np.ndarray, particles: np.ndarray) -> None:
     for k in range(len(particles)):
         particle = particles[k]
         member, weight = members[particle['member']], particle['weight']
-        offset, speed = end_offset(member, particle), end_speed(member, particle)
+        put_end_of_particle(particle, member)
+        offset, speed = vector_of(particle['end_offset']), vector_of(particle['end_speed'])
         shift, velocity = vector_of(particle['shift']), vector_of(particle['velocity'])
         mixed = outer(plus(offset, scaled(0.5, shift)), shift)
         second = added(mixed, transposed(mixed))
@@ -493,31 +512,27 @@ def put_rotation(members: np.ndarray, particles: np.ndarray) -> None:
 
 
 @helper
-def end_offset(member: np.void, particle: np.void) -> Vector:
-    """Return R (p + T ψ) of a particle, m."""
-    own = combination(member['fit'], particle['features'], member['features'])
-    return applied(matrix_of(member['rotation']), plus(vector_of(particle['offset']), own))
-
-
-@helper
-def end_speed(member: np.void, particle: np.void) -> Vector:
-    """Return R (s + T' ψ) of a particle, m/s."""
-    own = combination(member['fit_velocity'], particle['features'], member['features'])
-    return applied(matrix_of(member['rotation']), plus(vector_of(particle['speed']), own))
-
-
-@helper
-def end_position(member: np.void, particle: np.void) -> Vector:
-    """Return the position of a particle after the tick, m."""
-    return plus(plus(end_base(member), end_offset(member, particle)), vector_of(particle['shift']))
+def put_end_of_particle(particle: np.void, member: np.void) -> None:
+    """Write where deformation has moved a particle, and how fast, but for its residual."""
+    rotation, count = matrix_of(member['rotation']), member['features']
+    moved, changed = ZERO, ZERO
+    for k in range(count):
+        psi = particle['features'][k]
+        moved = along(moved, psi, vector_of(member['fit'][k]))
+        changed = along(changed, psi, vector_of(member['fit_velocity'][k]))
+    offset = applied(rotation, plus(vector_of(particle['offset']), moved))
+    put_vector(particle['end_offset'], offset)
+    speed = applied(rotation, plus(vector_of(particle['speed']), changed))
+    put_vector(particle['end_speed'], speed)
 
 
 @helper
 def end_velocity(member: np.void, particle: np.void) -> Vector:
-    """Return the velocity of a particle after the tick, m/s."""
-    arm = minus(end_position(member, particle), end_centre(member))
+    """Return the velocity of a particle after the tick, m/s; after `put_rotation`."""
+    arm = plus(vector_of(particle['end_offset']), vector_of(particle['shift']))
+    arm = minus(plus(end_base(member), arm), end_centre(member))
     result = plus(base_velocity(member), cross(vector_of(member['end_angular_velocity']), arm))
-    return plus(plus(result, end_speed(member, particle)), vector_of(particle['velocity']))
+    return plus(plus(result, vector_of(particle['end_speed'])), vector_of(particle['velocity']))
 
 
 @helper

@@ -31,6 +31,7 @@ from softbody_ros.core.geometry.vectors import (
     along,
     column_of,
     dot,
+    minus,
     plus,
     vector_of,
 )
@@ -51,21 +52,21 @@ class Problem(NamedTuple):
     """
     The arrays of one problem: k contacts, m bodies of at most M modes, p particles.
 
-    Bodies of more modes than those of a rigid one have one more amplitude, that of K.
+    Amplitudes of a body have room for full lanes, with zeros beyond its modes. Bodies of more
+    modes than those of a rigid one have one more, that of K, after that room.
     """
 
     rows: np.ndarray
     """(k,) ROW; `force` is the start, and the result"""
     jacobian: np.ndarray
-    """(k, 2, 3, M + 1) float, J of both sides; of the second one negative. Of deformable bodies K
-    follows their last mode"""
+    """(k, 2, 3, width of M + 1) float, J of both sides; of the second one negative"""
     counts: np.ndarray
     """(m,) int, numbers of modes, multiples of 3"""
     mobility: np.ndarray
     """(p,) float, g ≥ 0"""
     modes: np.ndarray
-    """(3, m, M + 1) float, the first is written: amplitudes y = Jᵀ f, and Kᵀ f; the others are
-    scratch"""
+    """(3, m, width of M + 1) float, zeros at first; the first is written: amplitudes y = Jᵀ f, and
+    Kᵀ f; the others are scratch"""
     shifts: np.ndarray
     """(2, 3, p) float, the first is written: displacements g Sᵀ f; the second is scratch"""
     hessian: np.ndarray
@@ -96,10 +97,9 @@ def add_modes(
         if member >= 0:
             j = jacobian[side]
             for mode in range(0, counts[member], LANES):
-                left = counts[member] - mode
-                a, b, c = vectors_at(j, mode, left)
+                a, b, c = vectors_at(j, mode, LANES)
                 added = a * n + b * one + c * two
-                put_lanes(y, member, mode, left, lanes_at(y, member, mode, left) + added)
+                put_lanes(y, member, mode, LANES, lanes_at(y, member, mode, LANES) + added)
 
 
 @helper
@@ -123,13 +123,20 @@ def add_particles(
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
         if member >= 0 and counts[member] > RIGID:
-            y[member, counts[member]] += dot(stiffer(jacobian[side], counts[member]), force)
+            last = width_of(counts[member])
+            y[member, last] += dot(stiffer(jacobian[side], counts[member]), force)
 
 
 @helper
-def stiffer(jacobian: np.ndarray, last: int) -> Vector:
+def stiffer(jacobian: np.ndarray, modes: int) -> Vector:
     """Return K of one side of a row."""
-    return jacobian[0, last], jacobian[1, last], jacobian[2, last]
+    return column_of(jacobian, width_of(modes))
+
+
+@helper
+def width_of(modes: int) -> int:
+    """Return the room for amplitudes of the modes of a body, a multiple of LANES."""
+    return (modes + LANES - 1) // LANES * LANES
 
 
 @helper
@@ -141,9 +148,8 @@ def mode_response(row: np.void, jacobian: np.ndarray, counts: np.ndarray, y: np.
         if member >= 0:
             j = jacobian[side]
             for mode in range(0, counts[member], LANES):
-                left = counts[member] - mode
-                amplitudes = lanes_at(y, member, mode, left)
-                motion = along(motion, amplitudes, vectors_at(j, mode, left))
+                amplitudes = lanes_at(y, member, mode, LANES)
+                motion = along(motion, amplitudes, vectors_at(j, mode, LANES))
     return totals(motion)
 
 
@@ -166,7 +172,7 @@ def particle_response(
         member = row['one'] if side == 0 else row['two']
         if member >= 0 and counts[member] > RIGID:
             k = stiffer(jacobian[side], counts[member])
-            motion = along(motion, -y[member, counts[member]], k)
+            motion = along(motion, -y[member, width_of(counts[member])], k)
     return motion
 
 
@@ -192,20 +198,23 @@ def find_diagonals(problem: Problem) -> int:
             member = row['one'] if side == 0 else row['two']
             if member < 0:
                 continue
-            j = problem.jacobian[k, side]
-            most = max(most, problem.counts[member])
-            n, one, two = size
-            for mode in range(problem.counts[member]):
-                a, b, c = j[0, mode], j[1, mode], j[2, mode]
-                n, one, two = n + a * a, one + b * b, two + c * c
-            if problem.counts[member] > RIGID:
-                a, b, c = stiffer(j, problem.counts[member])
-                n, one, two = n - a * a, one - b * b, two - c * c
-            size = (n, one, two)
+            j, count, squares = problem.jacobian[k, side], problem.counts[member], no_vectors()
+            most = max(most, count)
+            for mode in range(0, count, LANES):
+                squares = plus(squares, squared_components(vectors_at(j, mode, LANES)))
+            size = plus(size, totals(squares))
+            if count > RIGID:
+                size = minus(size, squared_components(stiffer(j, count)))
         own = own_mobility(row, problem.mobility) if is_mobile else 0.0
         row['diagonal'][0] = row['compliance'][0] + (size[0] + own)
         row['diagonal'][1] = row['compliance'][1] + (max(size[1], size[2]) + own)
     return most
+
+
+@helper
+def squared_components(a):  # type: ignore[no-untyped-def]
+    """Return the squares of the components of a vector, or of vectors of lanes."""
+    return a[0] * a[0], a[1] * a[1], a[2] * a[2]
 
 
 @helper
@@ -223,8 +232,7 @@ def own_mobility(row: np.void, mobility: np.ndarray) -> float:
 def clear(problem: Problem, y: np.ndarray, shifts: np.ndarray) -> None:
     """Set amplitudes and shifts to 0."""
     for member in range(len(problem.counts)):
-        count = problem.counts[member]
-        for mode in range(count if count <= RIGID else count + 1):
+        for mode in range(width_of(problem.counts[member]) + 1):
             y[member, mode] = 0.0
     for axis in range(3):
         for particle in range(len(problem.mobility)):
@@ -266,8 +274,8 @@ def squared_shifts(problem: Problem, y: np.ndarray, shifts: np.ndarray) -> float
             shift = column_of(shifts, particle)
             total += dot(shift, shift) / mobility[particle]
     for member in range(len(problem.counts)):
-        last = problem.counts[member]
-        if last > RIGID:
+        last = width_of(problem.counts[member])
+        if problem.counts[member] > RIGID:
             total -= y[member, last] * y[member, last]
     return total
 

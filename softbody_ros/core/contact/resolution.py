@@ -55,6 +55,7 @@ from softbody_ros.core.contact.problem import (
     mode_response,
     own_mobility,
     particle_response,
+    width_of,
 )
 from softbody_ros.core.contact.rows import (
     CONTACT_FREQUENCY,
@@ -122,9 +123,10 @@ SAME_SIDE, OTHER_SIDE = 0.5, 0.5
 below the side of its contact and below the nearest one, up to which they differ."""
 LINEARISED = 5e-6
 """Overlap, or error of gaps by linearisation, in RMS radii, that is tolerated."""
-TOLERANCE, SOFT_TOLERANCE = 1e-11, 1e-10
+TOLERANCE, SOFT_TOLERANCE, SINGLE_TOLERANCE = 1e-11, 1e-10, 1e-8
 """Of displacements, in RMS radii; of velocities the same over the tick. The second one of islands
-with deformable bodies."""
+with deformable bodies, the third one of a deformable body alone: where there is no other, the
+result need not be the same for any order of bodies."""
 PROXIMAL, SOFT_VELOCITY_COMPLIANCE = 0.1, 0.01
 """Compliance of contacts of deformable bodies, relative to the response of their particles: of
 those that share particles, for changes of forces and for velocities, and of others for
@@ -137,6 +139,7 @@ def begin_members(
     chosen: np.ndarray,
     shapes: np.ndarray,
     x: np.ndarray,
+    flown: np.ndarray,
     obstacles: np.ndarray,
     h: float,
     others: bool,
@@ -154,6 +157,8 @@ def begin_members(
     shapes : (R,) SHAPE
     x : (2, 3, N) float
         m
+    flown : (3, N) float
+        written: positions after the flight of those deformable bodies, m
     obstacles : (O,) OBSTACLE
     h : float
         s
@@ -174,7 +179,7 @@ def begin_members(
         member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
         member['nearby'] = member['margin']
         if member['is_soft'] and (others or nears_any(body, member, obstacles, x)):
-            member['margin'] += put_start_shape(body, x[now], x[1 - now])
+            member['margin'] += put_start_shape(body, x[now], x[1 - now], flown)
             member['starts'] = True
 
 
@@ -183,9 +188,9 @@ def find_obstacle_rows(
     bodies: np.ndarray,
     shapes: np.ndarray,
     weights: np.ndarray,
-    q: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
+    flown: np.ndarray,
     obstacles: np.ndarray,
     trees: Trees,
     h: float,
@@ -202,10 +207,12 @@ def find_obstacle_rows(
     ----------
     bodies : (B,) BODY
     shapes : (R,) SHAPE
-    weights, q : (M,), (3, M) float
-        mass shares and rest positions of the particles of all rest shapes
+    weights : (M,) float
+        mass shares of the particles of all rest shapes
     x, v : (2, 3, N) float
         m, m/s
+    flown : (3, N) float
+        see `begin_members`
     obstacles : (O,) OBSTACLE
     trees : Trees
         of the meshes of obstacles
@@ -257,8 +264,8 @@ def find_obstacle_rows(
                 if found < len(rows):
                     weight = weights[shape['first'] + contacts[k]['particle']]
                     velocity = put_obstacle_row(
-                        rows[found], contacts[k], number, body, shape, reach, weight, obstacle,
-                        which, q, x, v,
+                        rows[found], contacts[k], number, body, reach, weight, obstacle, which,
+                        x, v, flown,
                     )  # fmt: skip
                     complete_row(rows[found], members, memory, velocity, h)
                 found += 1
@@ -340,9 +347,9 @@ def find_face_rows(
     sets: np.ndarray,
     shapes: np.ndarray,
     weights: np.ndarray,
-    q: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
+    flown: np.ndarray,
     h: float,
     memory: np.ndarray,
     members: np.ndarray,
@@ -359,7 +366,7 @@ def find_face_rows(
     sets : (s,) POINT_SET
     found : int
         number of rows before
-    bodies, shapes, weights, q, x, v, h, memory, members, rows
+    bodies, shapes, weights, x, v, flown, h, memory, members, rows
         see `find_obstacle_rows`
 
     Returns
@@ -371,7 +378,7 @@ def find_face_rows(
     for contact in contacts:
         if found < len(rows):
             velocity = put_face_row(
-                rows[found], contact, bodies, members, sets, shapes, weights, q, x, v, h
+                rows[found], contact, bodies, members, sets, shapes, weights, x, v, flown, h
             )
             complete_row(rows[found], members, memory, velocity, h)
         found += 1
@@ -386,6 +393,7 @@ def resolve(
     q: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
+    flown: np.ndarray,
     obstacles: np.ndarray,
     trees: Trees,
     h: float,
@@ -403,8 +411,10 @@ def resolve(
 
     Parameters
     ----------
-    bodies, shapes, weights, q, x, v, obstacles, trees, h, members
+    bodies, shapes, weights, x, v, flown, obstacles, trees, h, members
         see `find_obstacle_rows`
+    q : (3, M) float
+        rest positions of the particles of all rest shapes, and goals, see `State`
     rows : (k,) ROW
         all contacts
     place_of : (N,) int
@@ -439,7 +449,7 @@ def resolve(
         particles, meets = all_particles[:0], first < last
         if meets:
             touched = number_particles(
-                together, own[first:last], bodies, shapes, weights, q, x, v, place_of,
+                together, own[first:last], bodies, shapes, weights, q, v, flown, place_of,
                 all_particles, is_pinned,
             )  # fmt: skip
             particles = all_particles[:touched]
@@ -482,8 +492,8 @@ def number_particles(
     shapes: np.ndarray,
     weights: np.ndarray,
     q: np.ndarray,
-    x: np.ndarray,
     v: np.ndarray,
+    flown: np.ndarray,
     place_of: np.ndarray,
     particles: np.ndarray,
     is_pinned: np.ndarray,
@@ -499,11 +509,11 @@ def number_particles(
                 number = row['one'] if row['shares'][corner] > 0.0 else row['two']
                 member = members[number]
                 body = bodies[member['body']]
-                shape, now = shapes[body['shape']], body['now']
+                shape = shapes[body['shape']]
                 weight = weights[shape['first'] + column - body['first']]
                 put_particle(
-                    particles[count], column, number, member, body, shape, weight, q, x[now],
-                    v[now], is_pinned[column],
+                    particles[count], column, number, member, body, shape, weight, q, flown,
+                    v[1 - body['now']], is_pinned[column],
                 )  # fmt: skip
                 place_of[column] = count
                 count += 1
@@ -708,7 +718,9 @@ def resolve_island(
         put_matrix(member['rotation'], IDENTITY)
         put_vector(member['received'][0], ZERO)
         put_vector(member['received'][1], ZERO)
-    tolerance = (SOFT_TOLERANCE if is_soft else TOLERANCE) * scale
+    tolerance = TOLERANCE * scale
+    if is_soft:
+        tolerance = (SOFT_TOLERANCE if len(members) > 1 else SINGLE_TOLERANCE) * scale
     linearised = LINEARISED * scale
     problem = new_problem(members, room[:used], particles)
     begin_positions(members, particles, problem, h)
@@ -841,10 +853,10 @@ def new_problem(members: np.ndarray, rows: np.ndarray, particles: np.ndarray) ->
     factorised = count if total_modes <= LARGEST_ISLAND else 0
     return Problem(
         rows,
-        np.empty((len(rows), 2, 3, most + 1)),
+        np.empty((len(rows), 2, 3, width_of(most) + 1)),
         counts,
         mobility,
-        np.empty((3, count, most + 1)),
+        np.zeros((3, count, width_of(most) + 1)),
         np.empty((2, 3, touched)),
         np.empty((factorised, factorised, most, most)),
         np.empty((factorised, factorised), np.bool_),
@@ -883,7 +895,7 @@ def put_jacobian(
     Parameters
     ----------
     row : ROW
-    jacobian : (2, 3, M) float
+    jacobian : (2, 3, width of M + 1) float
         written
     members, particles : (m,) MEMBER, (p,) PARTICLE
     point : vector
@@ -902,11 +914,7 @@ def put_jacobian(
         if member['is_soft']:
             put_features(row, side, particles, features)
         arm = minus(point, end_centre(member) if at_end else vector_of(member['centre']))
-        for axis in range(3):
-            direction = vector_of(row['normal'])
-            if axis > 0:
-                direction = vector_of(row['tangents'][axis - 1])
-            put_modes(jacobian[side, axis], member, sign, arm, features, direction, at_end)
+        put_modes(jacobian[side], member, sign, arm, features, row, at_end)
     if row['one'] == row['two']:
         # self-collision: both sides are the same modes
         for axis in range(3):
@@ -1052,7 +1060,7 @@ def linearise(
             error = max(error, abs(row['linear_gap'] + motion[0] - gap), -gap)
             if row['two'] < 0 and row['inverse_mass'] > 0.0:
                 overlap = max(overlap, -gap)
-        row['linear_gap'] = gap - motion[0]
+        row['end_gap'], row['linear_gap'] = gap, gap - motion[0]
         row['bias'][0] = row['linear_gap'] - row['compliance'][0] * row['force'][0]
     return error, overlap
 
@@ -1072,6 +1080,7 @@ def separate(
     That is next to nothing, but where a particle has met another side of an obstacle, as in the
     corner of a bin.
     """
+    moved_on = False
     for _ in range(SHIFTS):
         shifted = False
         for k in range(len(rows)):
@@ -1080,7 +1089,9 @@ def separate(
                 continue
             member = members[row['one']]
             most = (CORNER_SHIFT if member['is_soft'] else LARGEST_SHIFT) * scale
-            normal, gap = vector_of(row['normal']), end_gap(row, members, particles)
+            normal, gap = vector_of(row['normal']), row['end_gap']
+            if moved_on:
+                gap = end_gap(row, members, particles)
             if row['of_face']:
                 normal = applied(matrix_of(member['rotation']), normal)
             if row['column'] >= 0 and obstacles[row['obstacle']]['kind'] != PLANE:
@@ -1095,15 +1106,18 @@ def separate(
                 ) > SAME_SIDE:
                     gap, normal = nearest, outwards
             if -most < gap < 0.0:
-                shifted = True
                 if member['is_soft'] and row['column'] >= 0:
                     particle = particles[row['particles'][0]]
+                    # one that no other contact acts on changes no other gap
+                    shifted = shifted or particle['rows'] > 1
                     if particle['mobility'] > 0.0:
                         move = scaled(-gap, normal)
                         add_to_mean(member, 0, particle['weight'], move)
                         put_vector(particle['shift'], plus(vector_of(particle['shift']), move))
                 elif not member['has_pins']:
                     add_shift(member['shift'], -gap, normal)
+                    shifted = True
+                moved_on = moved_on or shifted
         if not shifted:
             break
 
@@ -1255,7 +1269,7 @@ def copy_jacobian(
         index, _ = side_of(row, side)
         if index >= 0:
             for axis in range(3):
-                for mode in range(counts[index] + 1):
+                for mode in range(width_of(counts[index]) + 1):
                     target[side, axis, mode] = source[side, axis, mode]
 
 

@@ -28,9 +28,6 @@ from softbody_ros.core.geometry.vectors import (
     tangents_of,
     vector_of,
 )
-from softbody_ros.core.shape_matching.flight_map import (
-    position_after,
-)
 
 CONTACT_FREQUENCY = 3e3
 """ω, rad/s, of a rigid body on a contact: its compliance 1 / (M ω²) bounds the forces of obstacles
@@ -52,6 +49,12 @@ ROW = np.dtype(
         ('friction', np.float64),  # μ
         ('base', np.float64, (3,)),  # f⁰
         ('force', np.float64, (3,)),  # f
+        ('diagonal', np.float64, (2,)),  # of c + J Jᵀ: normal, and the larger tangent
+        ('normal', np.float64, (3,)),  # from the second side to the first
+        ('tangents', np.float64, (2, 3)),
+        # of deformable bodies: the shares of f on particles, numbered within the island
+        ('shares', np.float64, (4,)),
+        ('particles', np.int64, (4,)),
         ('target', np.float64, (3,)),  # what f approaches
         ('radius', np.float64),  # of the friction disc
         ('disc_change', np.float64),  # its last change
@@ -60,20 +63,13 @@ ROW = np.dtype(
         ('stiffness', np.float64, (4,)),  # G: normal, and 11, 12, 22 of the tangents
         ('face', np.float64, (4,)),  # projector on forces that may change, the same components
         ('curvature', np.float64),  # of the disc's edge, times the force that presses against it
-        ('diagonal', np.float64, (2,)),  # of c + J Jᵀ: normal, and the larger tangent
         # the contact
         ('key', np.int64),  # identifies it from tick to tick
         ('obstacle', np.int64),  # second side, or −1
         ('column', np.int64),  # particle of the world, or −1
-        # of deformable bodies: particles that the contact acts on, of the world and of the
-        # island, and the shares of f on them
-        ('columns', np.int64, (4,)),
-        ('particles', np.int64, (4,)),
-        ('shares', np.float64, (4,)),
+        ('columns', np.int64, (4,)),  # of deformable bodies: the particles, of the world
         ('offsets', np.float64, (2, 3)),  # of both sides in the flight from the start shape, m
         ('point', np.float64, (3,)),  # of both sides, of the start shapes, m
-        ('normal', np.float64, (3,)),  # from the second side to the first
-        ('tangents', np.float64, (2, 3)),
         ('thickness', np.float64),  # distance kept, m
         ('gap', np.float64),  # after the flight, m
         ('motion', np.float64, (3,)),  # displacement of the first side in the flight, m
@@ -97,6 +93,7 @@ ROW = np.dtype(
         ('free', np.float64, (2,)),  # slip, or its speed, that viscous friction reduces
         ('end_point', np.float64, (3,)),  # after the tick, m
         ('linear_gap', np.float64),  # at the end if no force acts, for the last linearisation, m
+        ('end_gap', np.float64),  # at the end, as linearised last, m
     ],
     align=True,
 )
@@ -222,14 +219,13 @@ def put_obstacle_row(
     contact: np.void,
     number: int,
     body: np.void,
-    shape: np.void,
     reach: float,
     weight: float,
     obstacle: np.void,
     which: int,
-    q: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
+    flown: np.ndarray,
 ) -> Vector:
     """
     Write the row of a contact of a particle with an obstacle.
@@ -249,7 +245,7 @@ def put_obstacle_row(
     row['thickness'] = body['thickness']
     row['gap'] = reach - contact['depth'] - body['thickness']
     begin_sides(row)
-    add_side(row, 0, 0, 1.0, column, point, body, shape, q, x, v)
+    add_side(row, 0, 0, 1.0, column, point, body, x, flown)
     row['gap'] += dot(vector_of(row['normal']), vector_of(row['offsets'][0]))
     put_vector(row['other_motion'], motion_with(obstacle, point))
     surface = velocity_at(obstacle, point)
@@ -319,10 +315,8 @@ def add_side(
     column: int,
     start: Vector,
     body: np.void,
-    shape: np.void,
-    q: np.ndarray,
     x: np.ndarray,
-    v: np.ndarray,
+    flown: np.ndarray,
 ) -> None:
     """
     Add a particle with its share to one side of a contact.
@@ -337,13 +331,14 @@ def add_side(
         particle of the world
     start : vector
         where it is in the start shape, m
-    body, shape, q, x, v
-        of the world, see `modal_flight.fly`
+    body : BODY
+    x, flown : (2, 3, N), (3, N) float
+        of the world, see `resolution.find_obstacle_rows`
 
     """
     now, end = body['now'], start
     if body['mode'] != RIGID:
-        end = position_after(body, shape, q, x[now], v[now], column)
+        end = column_of(flown, column)
         row['columns'][corner] = column
         row['shares'][corner] = share if side == 0 else -share
     offset = along(vector_of(row['offsets'][side]), share, minus(end, start))
@@ -432,9 +427,9 @@ def put_face_row(
     sets: np.ndarray,
     shapes: np.ndarray,
     weights: np.ndarray,
-    q: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
+    flown: np.ndarray,
     h: float,
 ) -> Vector:
     """
@@ -448,7 +443,7 @@ def put_face_row(
     """
     owner, other = contact['body'], contact['other']
     body = bodies[members[other]['body']]
-    shape, side = shapes[body['shape']], 0 if owner >= len(members) else 1
+    side = 0 if owner >= len(members) else 1
     start, velocities = x[1 - body['now']], v[body['now']]
     point, normal = vector_of(contact['point']), vector_of(contact['normal'])
     face_velocity = ZERO
@@ -457,7 +452,7 @@ def put_face_row(
         column, share = contact['particles'][corner], -contact['coefficients'][corner]
         face_velocity = along(face_velocity, share, column_of(velocities, column))
         at = column_of(start, column)
-        add_side(row, side, corner, share, column, at, body, shape, q, x, v)
+        add_side(row, side, corner, share, column, at, body, x, flown)
     put_vector(row['point'], point)
     row['obstacle'] = -1
     row['column'] = contact['particles'][0]
@@ -471,7 +466,7 @@ def put_face_row(
         row['key'] = key_of(OF_BODIES, body['id'], one['id'], column - one['first'])
         put_vector(row['normal'], normal)
         row['gap'] = members[owner]['margin'] + members[other]['margin'] - contact['depth']
-        add_side(row, 0, 0, 1.0, column, point, one, shapes[one['shape']], q, x, v)
+        add_side(row, 0, 0, 1.0, column, point, one, x, flown)
         offset = minus(vector_of(row['offsets'][0]), vector_of(row['offsets'][1]))
         row['gap'] += dot(normal, offset)
         coulomb = one['coulomb'] or body['coulomb']

@@ -38,6 +38,7 @@ from softbody_ros.core.contact.problem import (
     relaxed,
     slip_of,
     sum_forces,
+    width_of,
 )
 from softbody_ros.core.geometry.vectors import ZERO, Vector, plus
 
@@ -306,7 +307,7 @@ def distribute_over(problem: Problem, start: int, end: int) -> None:
 def clear_side(problem: Problem, member: int) -> None:
     """Begin to add up what a body does by forces along both tangents of a patch."""
     if member >= 0:
-        for mode in range(problem.counts[member] + 1):
+        for mode in range(width_of(problem.counts[member]) + 1):
             problem.modes[1, member, mode] = problem.modes[2, member, mode] = 0.0
 
 
@@ -318,18 +319,25 @@ def add_tangents(problem: Problem, k: int, share: float) -> None:
         if member >= 0:
             j, count = problem.jacobian[k, side], problem.counts[member]
             first, second = problem.modes[1, member], problem.modes[2, member]
-            for mode in range(count if count <= RIGID else count + 1):
+            for mode in range(count):
                 first[mode] += share * j[1, mode]
                 second[mode] += share * j[2, mode]
+            if count > RIGID:
+                last = width_of(count)
+                first[last] += share * j[1, last]
+                second[last] += share * j[2, last]
 
 
 @helper
 def squared_tangents(problem: Problem, member: int, one: float, two: float) -> tuple[float, float]:
     """Return two sums with the squared amplitudes, less those of K, of a body."""
     if member >= 0:
-        count = problem.counts[member]
-        for mode in range(count if count <= RIGID else count + 1):
-            sign = 1.0 if mode < count else -1.0
-            a, b = problem.modes[1, member, mode], problem.modes[2, member, mode]
-            one, two = one + sign * a * a, two + sign * b * b
+        count, first, second = problem.counts[member], problem.modes[1], problem.modes[2]
+        for mode in range(count):
+            one += first[member, mode] * first[member, mode]
+            two += second[member, mode] * second[member, mode]
+        if count > RIGID:
+            last = width_of(count)
+            one -= first[member, last] * first[member, last]
+            two -= second[member, last] * second[member, last]
     return one, two

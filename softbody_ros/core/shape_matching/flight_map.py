@@ -134,9 +134,11 @@ def write(
 
 
 @helper
-def put_start_shape(body: np.void, start: np.ndarray, result: np.ndarray) -> float:
+def put_start_shape(
+    body: np.void, start: np.ndarray, result: np.ndarray, flown: np.ndarray
+) -> float:
     """
-    Write the start shape x̂ = c' + E (x − c) in the place of the shape after the flight.
+    Write the start shape x̂ = c' + E (x − c) in the place of the shape after the flight; keep that.
 
     A force that is constant over the tick acts on this shape: in rest it is the one at the end.
 
@@ -146,6 +148,8 @@ def put_start_shape(body: np.void, start: np.ndarray, result: np.ndarray) -> flo
         after `fly`
     start, result : (3, N) float
         positions before and after, m
+    flown : (3, N) float
+        written: positions after the flight, m
 
     Returns
     -------
@@ -159,11 +163,15 @@ def put_start_shape(body: np.void, start: np.ndarray, result: np.ndarray) -> flo
     whole = end - body['count'] % LANES
     for i in range(first, whole, LANES):
         turned = plus(shift, applied(turn, vectors_at(start, i, LANES)))
-        powers = powers + eighth_power(minus(vectors_at(result, i, LANES), turned))
+        after = vectors_at(result, i, LANES)
+        powers = powers + eighth_power(minus(after, turned))
+        put_vectors(flown, i, LANES, after)
         put_vectors(result, i, LANES, turned)
     for i in range(whole, end):
         place = plus(shift, applied(turn, column_of(start, i)))
-        last += eighth_power(minus(column_of(result, i), place))
+        after = column_of(result, i)
+        last += eighth_power(minus(after, place))
+        put_column(flown, i, after)
         put_column(result, i, place)
     return math.sqrt(math.sqrt(math.sqrt(total(powers) + last)))
 
@@ -174,29 +182,6 @@ def eighth_power(a):  # type: ignore[no-untyped-def]
     square = dot(a, a)
     square = square * square
     return square * square
-
-
-# ------------------------------------------------------------------------------- single particles
-@helper
-def mapped(
-    body: np.void,
-    of: np.ndarray,
-    shape: np.void,
-    q: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    i: int,
-) -> Vector:
-    """Return one of the maps of a body at particle i of the world, from the start x, v."""
-    result = vector_of(of[0])
-    y, u = minus(column_of(x, i), vector_of(body['origin'])), column_of(v, i)
-    result = plus(result, applied(matrix_of(of[1:4]), y))
-    result = plus(result, applied(matrix_of(of[4:7]), u))
-    rest = first_feature(body, shape) + i - body['first']
-    if body['follows_goals']:
-        motion = column_of(q, rest + body['count'])
-        result = plus(result, applied(linear_block(of[10:]), motion))
-    return with_features(result, of[7:], has_products(body), shape, q, rest)
 
 
 @helper
@@ -211,20 +196,7 @@ def has_products(body: np.void) -> bool:
     return body['mode'] > 1 and not body['follows_goals']
 
 
-@helper
-def with_features(
-    start: Vector, transform: np.ndarray, is_quadratic: bool, shape: np.void, q: np.ndarray, i: int
-) -> Vector:
-    """Return a vector and T f at particle i of the rest shapes."""
-    rest_q = column_of(q, i)
-    result = plus(start, applied(linear_block(transform), rest_q))
-    if is_quadratic:
-        square, mixed = products_at(shape, rest_q)
-        result = plus(result, applied(linear_block(transform[3:]), square))
-        result = plus(result, applied(linear_block(transform[6:]), mixed))
-    return result
-
-
+# ------------------------------------------------------------------------------- whitened features
 @helper
 def products_at(shape: np.void, rest_q: Vector) -> tuple[Vector, Vector]:
     """Return the quadratic features at a rest position: squares and mixed products."""
@@ -233,37 +205,6 @@ def products_at(shape: np.void, rest_q: Vector) -> tuple[Vector, Vector]:
     return square, minus(mixed_products(rest_q), vector_of(means[6:]))
 
 
-@helper
-def position_after(
-    body: np.void, shape: np.void, q: np.ndarray, x: np.ndarray, v: np.ndarray, i: int
-) -> Vector:
-    """
-    Return the position of particle i of the world after the flight of its body, m.
-
-    Parameters
-    ----------
-    body : BODY
-        after `fly`
-    shape : SHAPE
-    q : (3, M) float
-        of all rest shapes
-    x, v : (3, N) float
-        at the start of the tick
-    i : int
-
-    """
-    return mapped(body, body['map'][0], shape, q, x, v, i)
-
-
-@helper
-def velocity_after(
-    body: np.void, shape: np.void, q: np.ndarray, x: np.ndarray, v: np.ndarray, i: int
-) -> Vector:
-    """Return the velocity of a particle after the flight of its body, see `position_after`."""
-    return mapped(body, body['map'][1], shape, q, x, v, i)
-
-
-# ------------------------------------------------------------------------------- whitened features
 @helper
 def whiten(body: np.void, shape: np.void, moments: np.ndarray, result: np.ndarray) -> None:
     """
