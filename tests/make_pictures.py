@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 
 import numpy as np
 from pictures.drawing import (
@@ -23,12 +24,20 @@ from pictures.drawing import (
     photo,
     segments,
     sheet,
+    with_arrows,
     with_caption,
 )
 from PIL import Image
 from scene_files import ROOT, scene
 
-from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
+from softbody_ros.core import (
+    BodyConfig,
+    ObstacleConfig,
+    Surface,
+    World,
+    WorldConfig,
+    make_surface,
+)
 from softbody_ros.scene.parameters import mesh_path
 
 RESOURCE = ROOT / 'resource'
@@ -171,6 +180,156 @@ def contact() -> None:
     sheet(panels, 3).save(RESOURCE / 'contact.png', optimize=True)
 
 
+def grasp() -> None:
+    """Two fingers come, squeeze a soft ball and lift it; arrows are the forces on it."""
+    radius, half = 0.05, (0.01, 0.02, 0.03)
+    reach, height = radius + half[0] + 0.03, radius
+    ball = BodyConfig(
+        name='ball', size=radius, subdivisions=4, mass=0.2, stiffness=0.5, position=(0, 0, radius),
+        friction_model='coulomb', friction=0.8,
+    )  # fmt: skip
+    sides = {'left': -1.0, 'right': 1.0}
+    fingers = [
+        ObstacleConfig(name=name, type='box', size=half, position=(side * reach, 0.0, height))
+        for name, side in sides.items()
+    ]
+    ground = ObstacleConfig(
+        name='ground', type='box', size=(1.0, 1.0, 0.05), position=(0.0, 0.0, -0.05)
+    )
+    world = World(
+        WorldConfig(
+            bodies=(ball,), obstacles=(ground, *fingers),
+            reference_step=reference_step(40.0, 0.5),
+        )
+    )  # fmt: skip
+    at, h = np.array([reach, height]), world.config.time_step
+
+    def go(seconds: float, inwards: float, upwards: float) -> None:
+        nonlocal at
+        speed = np.array([-inwards, upwards]) / seconds
+        for _ in range(round(seconds / h)):
+            for name, side in sides.items():
+                world.move_obstacle(
+                    name, (side * at[0], 0.0, at[1]), linear=(side * speed[0], 0.0, speed[1])
+                )
+            world.step()
+            at = at + h * speed
+        for name, side in sides.items():
+            world.move_obstacle(name, (side * at[0], 0.0, at[1]))
+
+    view = camera([0.25, 1.0, -0.3], [-0.15, -0.08], [0.15, 0.2], 1080)
+    panels, per_newton = [], 0.0025
+    for caption, seconds, inwards, upwards in (
+        ('the fingers come', 0.1, 0.005, 0.0),
+        ('they squeeze', 0.6, 0.034, 0.0),
+        ('friction holds it, lifted', 1.0, 0.0, 0.06),
+    ):
+        go(seconds, inwards, upwards)
+        world.step(round(0.5 / h))
+        arrows = []
+        for name, side in (sides | {'ground': 0.0}).items():
+            force = -world.obstacle_wrench(name)[0]
+            size = np.linalg.norm(force)
+            if size > 0.01:
+                where = (side * (at[0] - half[0]), -0.06, at[1]) if side else (0.0, -0.06, 0.0)
+                arrows.append((where - per_newton * force, per_newton * force, f'{size:.1f} N'))
+        picture = with_arrows(photo(world, {'ball': segments(ORANGE)}, view), view, arrows)
+        panels.append(with_caption(picture, caption))
+    sheet(panels, 3).save(RESOURCE / 'grasp.png', optimize=True)
+
+
+def reference_step(frequency: float, stiffness: float) -> float:
+    """Return the `reference_step`, s, with which a stiffness is a natural frequency, Hz."""
+    return math.acos(1.0 - stiffness / 2.0) / (2.0 * math.pi * frequency)
+
+
+def stack() -> None:
+    """Boxes that carry others: 1, 10 and 100 times as heavy, and a tower of five soft cubes."""
+    ground, size, panels = ObstacleConfig(name='ground'), 0.1, []
+    view = camera([0.35, 1.0, -0.25], [-0.75, -0.2], [0.75, 1.05], 250)
+    common = {'size': size, 'friction_model': 'coulomb', 'friction': 0.5}
+    block = make_surface('box', size, 4)
+    bodies, paints = [], {}
+    for place, ratio in enumerate((1.0, 10.0, 100.0)):
+        for level, mass in enumerate((1.0, ratio)):
+            name = f'rigid{place}{level}'
+            position = (0.4 * (place - 1), 0.0, size + 2.0 * size * level)
+            bodies.append(
+                BodyConfig(
+                    name=name, mesh=block, mode='rigid', mass=mass, position=position, **common
+                )
+            )
+            paints[name] = np.array(SLATE if level and ratio > 1.0 else BLUE)
+    world = World(WorldConfig(bodies=tuple(bodies), obstacles=(ground,)))
+    run_to(world, 5.0)
+    panels.append(with_caption(photo(world, paints, view), 'rigid: 1, 10 and 100 times as heavy'))
+    for caption, ratios in (
+        ('90 Hz: 1 and 10 times as heavy', (1.0, 10.0)),
+        ('five at 40 Hz', (1.0,)),
+    ):
+        bodies, paints = [], {}
+        levels = 5 if len(ratios) == 1 else 2
+        for place, ratio in enumerate(ratios):
+            for level in range(levels):
+                name = f'soft{place}{level}'
+                x = 0.5 * (place - 0.5) if len(ratios) > 1 else 0.0
+                bodies.append(
+                    BodyConfig(
+                        name=name, mesh=block, mode='quadratic', stiffness=0.5,
+                        mass=ratio if level else 1.0, position=(x, 0.0, size + 2.0 * size * level),
+                        **common,
+                    )
+                )  # fmt: skip
+                paints[name] = checks(ORANGE if level % 2 else BLUE, 0.05)
+        frequency = 40.0 if levels == 5 else 90.0
+        world = World(
+            WorldConfig(
+                bodies=tuple(bodies),
+                obstacles=(ground,),
+                reference_step=reference_step(frequency, 0.5),
+            )
+        )
+        run_to(world, 5.0)
+        panels.append(with_caption(photo(world, paints, view), caption))
+    sheet(panels, 3).save(RESOURCE / 'stack.png', optimize=True)
+
+
+def plates() -> None:
+    """A ball between plates bulges, and keeps its volume."""
+    ground = ObstacleConfig(name='ground')
+    view = camera([0.2, 1.0, -0.22], [-0.95, -0.25], [0.95, 1.4], 190)
+    ball = BodyConfig(
+        name='ball', subdivisions=4, position=(0.0, 0.0, 0.5), friction_model='coulomb',
+        friction=0.5, volume_conservation=1.0,
+    )  # fmt: skip
+    plate = ObstacleConfig(
+        name='plate', type='box', size=(0.7, 0.7, 0.03), position=(0.0, 0.0, 1.08)
+    )
+    world = World(WorldConfig(bodies=(ball,), obstacles=(ground, plate)))
+    shape, h = world.rest_shape('ball'), world.config.time_step
+    panels = []
+    for share in (0.0, 0.3, 0.5):
+        low, high = world.obstacles[1].position[2], 1.03 + 0.001 - share
+        ticks = round(abs(high - low) / 0.25 / h)
+        for tick in range(ticks):
+            height = low + (high - low) * tick / ticks
+            world.move_obstacle('plate', (0, 0, height), linear=(0, 0, (high - low) / ticks / h))
+            world.step()
+        world.move_obstacle('plate', (0.0, 0.0, high))
+        world.step(round(1.0 / h))
+        x = world.positions('ball')
+        faces = shape.surface.faces
+        volume = np.linalg.det(x[faces]).sum() / np.linalg.det(shape.surface.vertices[faces]).sum()
+        wide = np.ptp(x[:, 0]) / np.ptp(shape.surface.vertices[:, 0])
+        force = float(world.obstacle_wrench('plate')[0][2])
+        arrow = [((0.0, -0.75, high + 0.33), (0.0, 0.0, -0.25), f'{force:.0f} N')]
+        picture = photo(world, {'ball': segments(ORANGE)}, view)
+        picture = with_arrows(picture, view, arrow if force > 0.1 else [])
+        caption = f'{100 * share:.0f} %: volume {volume:.3f}, width {wide:.2f}'
+        panels.append(with_caption(picture, caption))
+    sheet(panels, 3).save(RESOURCE / 'plates.png', optimize=True)
+
+
 def viewer() -> None:
     """The page of the viewer (needs Chromium)."""
     from pictures.page import page
@@ -189,7 +348,8 @@ def with_paddle(config: WorldConfig, turn: float) -> WorldConfig:
     return dataclasses.replace(config, obstacles=tuple(turned))
 
 
-PICTURES = {each.__name__: each for each in (ball, modes, scenes, bodies, contact, viewer)}
+DRAWN = (ball, modes, scenes, bodies, contact, grasp, stack, plates, viewer)
+PICTURES = {each.__name__: each for each in DRAWN}
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import pathlib
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pictures import raster
 from pictures.raster import Thing, View
 from PIL import Image, ImageDraw, ImageFont
@@ -23,7 +24,7 @@ CREAM = np.array([0.98, 0.93, 0.83])
 ORANGE = np.array([0.95, 0.47, 0.17])
 BLUE = np.array([0.25, 0.55, 0.9])
 SLATE = np.array([0.45, 0.46, 0.52])
-INK = (90, 88, 84)
+INK, RED = (90, 88, 84), (200, 30, 60)
 FINENESS = 3
 """Squared, the samples that make one pixel."""
 
@@ -87,6 +88,28 @@ def with_caption(picture: Image.Image, caption: str, size: int = 17) -> Image.Im
     ImageDraw.Draw(result).text(
         place, caption, fill=INK, font=ImageFont.load_default(size), anchor='ms'
     )
+    return result
+
+
+def with_arrows(
+    picture: Image.Image, camera: View, arrows: Sequence[tuple[ArrayLike, ArrayLike, str]]
+) -> Image.Image:
+    """Return a photo with arrows: where each begins, m, what it is long, m, and what it says."""
+    result, font = picture.copy(), ImageFont.load_default(15)
+    draw = ImageDraw.Draw(result)
+    for start, length, label in arrows:
+        ends = np.asarray(start, dtype=float) + np.array([np.zeros(3), length])
+        ends = camera.onto(ends)[:, :2] / FINENESS
+        ends[:, 1] = picture.height - ends[:, 1]
+        begin, end = ends
+        forward = (end - begin) / np.linalg.norm(end - begin)
+        across = np.array([-forward[1], forward[0]])
+        draw.line([*begin, *(end - 8.0 * forward)], fill=RED, width=4)
+        head = [end, end - 13.0 * forward + 7.0 * across, end - 13.0 * forward - 7.0 * across]
+        draw.polygon([tuple(point) for point in head], fill=RED)
+        x, y = begin - 14.0 * forward
+        anchor = 'mm' if abs(forward[1]) > 0.5 else 'rm' if forward[0] > 0.0 else 'lm'
+        draw.text((x, y), label, fill=RED, font=font, anchor=anchor)
     return result
 
 
