@@ -270,8 +270,12 @@ def test_a_body_at_rest_keeps_its_thickness_from_the_ground(mode):
 @pytest.mark.parametrize('mode', MODES)
 def test_viscous_friction_slows_a_sliding_sheet_alike_at_any_step(mode, h):
     world = on_ground(
-        body(sheet(), mode=mode, friction=0.05, initial_velocity_linear=(2.0, 1.0, 0.0)), h=h
-    )
+        body(
+            sheet(), mode=mode, friction=0.05, friction_model='viscous',
+            initial_velocity_linear=(2.0, 1.0, 0.0),
+        ),
+        h=h,
+    )  # fmt: skip
     world.step(round(0.5 / h))
     expected = np.array([2.0, 1.0]) * 0.95 ** (0.5 * 120)
     assert momentum(world)[:2] == pytest.approx(expected, rel=1e-6)
