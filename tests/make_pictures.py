@@ -59,7 +59,7 @@ def ball() -> None:
     body = BodyConfig(
         name='ball', subdivisions=4, position=(0.0, 0.0, 1.5), orientation=(0.32, 0.12, 0.0, 0.94),
         initial_velocity_angular=(0.6, 0.0, 0.0),
-        stiffness=0.14, bounciness=0.7, deformation=0.6, elasticity=0.9, friction=0.5,
+        stiffness=0.14, bounciness=0.7, deformation=0.6, elasticity=0.9,
     )  # fmt: skip
     world = World(WorldConfig(bodies=(body,)))
     view = camera([0.0, 1.0, -0.22], [-1.2, -0.5], [1.4, 2.05], 170)

@@ -270,8 +270,12 @@ def test_a_body_at_rest_keeps_its_thickness_from_the_ground(mode):
 @pytest.mark.parametrize('mode', MODES)
 def test_viscous_friction_slows_a_sliding_sheet_alike_at_any_step(mode, h):
     world = on_ground(
-        body(sheet(), mode=mode, friction=0.05, initial_velocity_linear=(2.0, 1.0, 0.0)), h=h
-    )
+        body(
+            sheet(), mode=mode, friction=0.05, friction_model='viscous',
+            initial_velocity_linear=(2.0, 1.0, 0.0),
+        ),
+        h=h,
+    )  # fmt: skip
     world.step(round(0.5 / h))
     expected = np.array([2.0, 1.0]) * 0.95 ** (0.5 * 120)
     assert momentum(world)[:2] == pytest.approx(expected, rel=1e-6)
@@ -463,6 +467,34 @@ def test_a_squeezed_ball_bulges_and_keeps_its_volume_exactly(mode, hertz):
     world.step(240)
     assert rms_displacement(world) < 1e-3
     assert relative_volume(world) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_fingers_hold_and_lift_what_has_default_friction(mode):
+    """Whoever tries a gripper first has not chosen a law of friction."""
+    ball = BodyConfig(mode=mode, subdivisions=2, position=(0.0, 0.0, 0.5))
+    sides, begin, depth, rise = {'left': -1.0, 'right': 1.0}, 0.6, 0.15, 0.2  # m
+    fingers = [
+        ObstacleConfig(
+            name=name, type='box', size=(0.1, 0.3, 0.3), position=(side * begin, 0.0, 0.5)
+        )
+        for name, side in sides.items()
+    ]
+    world = World(WorldConfig(time_step=H, bodies=(ball,), obstacles=(ObstacleConfig(), *fingers)))
+
+    def move(x, z, seconds=1.0, inwards=0.0, upwards=0.0):
+        for name, side in sides.items():
+            velocity = (-side * inwards, 0.0, upwards)
+            world.move_obstacle(name, (side * x, 0.0, z), linear=velocity)
+        world.step(round(seconds / H))
+        return centre(world)[2]
+
+    move(begin, 0.5, inwards=depth)
+    low = move(begin - depth, 0.5)
+    move(begin - depth, 0.5, upwards=rise)
+    lifted = move(begin - depth, 0.5 + rise)
+    assert lifted - low == pytest.approx(rise, abs=0.05)  # it shears, and rolls a little
+    assert move(begin - depth, 0.5 + rise, seconds=2.0) == pytest.approx(lifted, abs=1e-4)
 
 
 def test_a_ball_of_less_volume_conservation_loses_more_volume():

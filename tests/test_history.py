@@ -49,7 +49,7 @@ EVERYTHING = WorldConfig(
             position=(-6.0, 0.0, 0.8),
         ),
         ball('sleeper', stiffness=1.0, bounciness=0.0, position=(9.0, 0.0, 0.5)),
-        ball('box', mesh='box', position=(0.0, 5.0, 1.0), friction_model='coulomb'),
+        ball('box', mesh='box', position=(0.0, 5.0, 1.0), friction_model='viscous'),
     ),
     obstacles=(
         ObstacleConfig(name='ground'),

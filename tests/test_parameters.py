@@ -67,7 +67,10 @@ def test_default_yaml_lists_every_parameter_with_its_default():
         ({'ball.color': [1.0, 0.0, 0.0]}, 'ball.color is [1.0, 0.0, 0.0]: it must be 4 numbers'),
         ({'ball.mode': 'soft'}, "ball.mode is 'soft': choose one of rigid, linear, quadratic"),
         ({'frame_id': ''}, "frame_id is '': give the name of a frame"),
-        ({'ball.friction': 2.0}, 'larger coefficients need friction_model coulomb'),
+        (
+            {'ball.friction': 2.0, 'ball.friction_model': 'viscous'},
+            'larger coefficients need friction_model coulomb',
+        ),
         (
             {'gravity.direction': [0.0, 0.0, 0.0]},
             'gravity.direction is [0.0, 0.0, 0.0]: its length must not be zero',

@@ -164,7 +164,8 @@ def test_bodies_keep_the_distance_of_both_their_thicknesses(mode):
 @pytest.mark.parametrize('mode', ['linear', 'quadratic'])
 def test_the_ground_carries_what_lies_on_a_body_too(mode):
     """Each is squeezed by what lies on it, and half by its own weight."""
-    world = stack(mode, (1.0, 1.0, 1.0), h=1 / 240, stiffness=0.5)
+    # in proportion where faces are free to widen
+    world = stack(mode, (1.0, 1.0, 1.0), h=1 / 240, stiffness=0.5, friction=0.0)
     world.step(480)
     lowest, middle, highest = (rms_displacement(world, f'b{i}') for i in range(3))
     assert lowest < 0.02
@@ -341,7 +342,8 @@ def test_a_point_between_the_vertices_of_a_coarse_ball_is_not_passed_through(mod
 @pytest.mark.parametrize('mode', MODES)
 def test_points_that_appear_inside_a_body_push_it_out_gently(mode):
     random = np.random.default_rng(3)
-    config = body(mode=mode, stiffness=0.5)
+    # with more friction of either law, what is in contradiction gets out somewhat faster
+    config = body(mode=mode, stiffness=0.5, friction_model='viscous', friction=0.2)
     world = World(WorldConfig(time_step=1 / 120, gravity_magnitude=0.0, bodies=(config,),
                               obstacles=()))  # fmt: skip
     for count in (1, 5, 40):

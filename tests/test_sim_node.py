@@ -348,6 +348,7 @@ def test_integers_are_taken_for_doubles_at_start(graph):
 
 def test_refusals_across_parameters_name_the_remedy(graph):
     graph.sim_node(**SMALL)
+    assert graph.set_parameter(SIM, 'ball.friction_model', 'viscous').successful
     result = graph.set_parameter(SIM, 'ball.friction', 3.0)
     assert not result.successful
     assert 'coulomb' in result.reason

@@ -48,7 +48,7 @@ def busy_config(**values):
             mesh='box',
             subdivisions=1,
             position=(-2.0, 0.0, 0.9),
-            friction_model='coulomb',
+            friction_model='viscous',
             initial_velocity_angular=(1.0, 2.0, 3.0),
         ),
         BodyConfig(name='d', mesh='box', subdivisions=1, position=(4.0, 0.0, 0.9), mode='rigid'),

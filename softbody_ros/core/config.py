@@ -258,10 +258,10 @@ class BodyConfig(Checked):
         minimum=0.0, maximum=1.0,
     )  # fmt: skip
     friction: float = setting(
-        0.2, 'viscous: sliding speed removed per reference_step; coulomb: the coefficient μ',
+        0.5, 'coulomb: the coefficient μ; viscous: sliding speed removed per reference_step',
         minimum=0.0, maximum=10.0,
     )  # fmt: skip
-    friction_model: str = setting('viscous', 'law of sliding friction', choices=FRICTION_MODELS)
+    friction_model: str = setting('coulomb', 'law of sliding friction', choices=FRICTION_MODELS)
     volume_conservation: float = setting(
         1.0, 'how far the goal keeps the rest volume', minimum=0.0, maximum=1.0
     )

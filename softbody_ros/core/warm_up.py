@@ -39,7 +39,7 @@ compile_other_half({parent})
 """
 BODIES: tuple[dict, ...] = (
     {'mode': 'rigid'},
-    {'mode': 'linear', 'friction_model': 'coulomb', 'volume_conservation': 0.0},
+    {'mode': 'linear', 'friction_model': 'viscous', 'volume_conservation': 0.0},
     {'mode': 'quadratic', 'damping': 0.1, 'thickness': 0.01},
     {'mode': 'linear', 'regions_count': 4, 'plasticity_creep': 20.0, 'plasticity_yield': 0.0},
     {'mode': 'quadratic', 'regions_count': 4, 'pins_indices': (0, 1)},
