@@ -59,6 +59,7 @@ from softbody_ros.core.contact.problem import (
 )
 from softbody_ros.core.contact.rows import (
     CONTACT_FREQUENCY,
+    RECOVERY,
     complete_row,
     copy_record,
     flown,
@@ -782,7 +783,7 @@ def resolve_island(
         add_impulses(members, impulses.rows)
         add_velocities(members, particles, problem.modes[0], problem.shifts[0])
     share = 1.0
-    if work[2] > unsolved and not is_soft:
+    if (work[2] > unsolved or any_tolerated(rows[:acting])) and not is_soft:
         most = largest_energy(members, rows[:acting], energy)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
             share = keep_energy(members, energy, most)
@@ -1325,11 +1326,27 @@ def keep_motion(members: np.ndarray) -> None:
 
 
 @helper
+def any_tolerated(rows: np.ndarray) -> bool:
+    """Return whether something gets out of something in which it has been found."""
+    for k in range(len(rows)):
+        if rows[k]['tolerated'] > 0.0:
+            return True
+    return False
+
+
+@helper
 def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float) -> float:
-    """Return the energy, J, with which bodies can leave obstacles: at twice their speed faster."""
+    """
+    Return the energy, J, with which bodies can leave obstacles: at twice their speed faster.
+
+    What is found inside something leaves it with a speed of its own.
+    """
     fastest = mass = 0.0
     for k in range(len(rows)):
-        fastest = max(fastest, norm(vector_of(rows[k]['other_velocity'])))
+        row = rows[k]
+        fastest = max(fastest, norm(vector_of(row['other_velocity'])))
+        if row['tolerated'] > 0.0:
+            fastest = max(fastest, 0.5 * RECOVERY * members[row['one']]['scale'])
     for number in range(len(members)):
         mass += members[number]['mass']
     root = math.sqrt(energy) + math.sqrt(2.0 * mass) * fastest
@@ -1341,7 +1358,8 @@ def keep_energy(members: np.ndarray, energy: float, most: float) -> float:
     """
     Take the share of all impulses after which there is not more energy, and return it.
 
-    Impulses that are no solution, since none was found in time, could gain some.
+    Impulses that are no solution, since none was found in time, could gain some; and so could
+    those that get something out of the narrow, as a wedge does.
     """
     after = kinetic_energy(members)
     middle = np.empty(len(members), members.dtype)
