@@ -72,7 +72,7 @@ def test_the_clock_drives_the_node(graph, program):
     program('clock')
     graph.spin_until(lambda: sim._world.tick > 48)
     graph.spin_until(lambda: clouds and clouds[-1].header.stamp.nanosec > 200_000_000)
-    assert clouds[-1].header.stamp.sec == 0
+    assert clouds[-1].header.stamp.sec < 1000  # not the time of day, however late it is received
 
 
 # --------------------------------------------------------------------------------------- equations
