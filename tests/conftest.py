@@ -5,10 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 import itertools
 import os
-from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -17,9 +15,7 @@ from typing import Any
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
-from kernel_worlds import AHEAD, EVERYTHING, FOR_ANY_PROCESSOR, HASHES
 import pytest
-from python_processes import begun, finished
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 import rclpy
 from rclpy.context import Context
@@ -144,32 +140,6 @@ def compiled_ahead() -> None:
     from softbody_ros.core.warm_up import compile_ahead
 
     compile_ahead(print, print)
-
-
-@dataclass(frozen=True)
-class CompiledAnew:
-    """What processes have printed that begin with an empty cache, line by line."""
-
-    cache: Path
-    one: list[str]
-    at_the_same_time: list[str]
-    for_any_processor: list[str]
-
-
-@pytest.fixture(scope='session')
-def compiled_anew(tmp_path_factory: pytest.TempPathFactory) -> CompiledAnew:
-    """Compile everything three times: at once into one empty cache, and for any processor."""
-    code = AHEAD + EVERYTHING + HASHES
-    caches = [tmp_path_factory.mktemp('cache') for _ in range(2)]
-    processes = [
-        begun(code, NUMBA_CACHE_DIR=cache, NUMBA_DISABLE_JIT=None, **environment)
-        for cache, environment in [
-            (caches[0], {}),
-            (caches[0], {}),
-            (caches[1], FOR_ANY_PROCESSOR),
-        ]
-    ]
-    return CompiledAnew(caches[0], *(finished(process).splitlines() for process in processes))
 
 
 @pytest.fixture

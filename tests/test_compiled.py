@@ -8,7 +8,7 @@ import shutil
 import signal
 
 from compiled_code import vector_instructions
-from kernel_worlds import AHEAD, FOR_ANY_PROCESSOR
+from kernel_worlds import FOR_ANY_PROCESSOR
 import numpy as np
 import pytest
 from python_processes import WITHOUT_NUMBA, begun, finished, printed
@@ -266,20 +266,21 @@ def test_a_helper_becomes_machine_code_only_as_a_part_of_kernels():
     assert not machine_code.is_symbol_defined(part.fndesc.mangled_name)
 
 
-def test_kernels_divide_by_no_zero():
+@pytest.mark.parametrize('subdivisions', [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_kernels_divide_by_no_zero(subdivisions):
     """Python raises an exception at what is inf or nan in machine code."""
-    code = 'import numpy; numpy.seterr(divide="raise")\n'
-    code += 'from softbody_ros.core.warm_up import warm_up; warm_up()'
+    code = f"""
+from functools import partial
+import numpy
+from softbody_ros.core import warm_up
+numpy.seterr(divide='raise')
+warm_up.everything = partial(warm_up.everything, subdivisions={subdivisions})
+warm_up.warm_up()
+"""
     printed(code, NUMBA_DISABLE_JIT='1')
 
 
 # --------------------------------------------------------------------------- ahead of a start
-NOT_OF_A_TICK = (
-    'shape_matching.polar_decomposition.rotate_all',
-    'collision.obstacles._distances',
-    'collision.obstacle_contacts.contacts_of',
-)
-"""Kernels that no simulation runs: they are compiled when they are called."""
 STOPPED = """
 import numpy as np
 from softbody_ros.core import compiled, warm_up
@@ -299,24 +300,6 @@ def is_stopped():
 warm_up.warm_up = lambda: total(np.ones(3))
 print(warm_up.compile_ahead(print, print, is_stopped), len(looks), compiled.is_complete())
 """
-
-
-@pytest.mark.slow
-def test_everything_is_compiled_ahead_once(compiled_anew):
-    for process in (compiled_anew.one, compiled_anew.at_the_same_time):
-        assert process[0].startswith('compiling the simulator for this machine, once: ')
-        assert process[1].startswith('compiled in ')
-    again = printed(AHEAD, NUMBA_CACHE_DIR=compiled_anew.cache).splitlines()
-    word, seconds = again[0].split()
-    assert word == 'ahead' and float(seconds) < 0.1
-
-
-@pytest.mark.slow
-def test_each_kernel_is_compiled_ahead_for_one_set_of_types(compiled_anew):
-    """A second one, of arrays that are read-only or not contiguous, takes the time once more."""
-    kernels = [line for line in compiled_anew.for_any_processor if line.startswith('kernel ')]
-    others = {line for line in kernels if not line.endswith(' 1')}
-    assert others == {f'kernel softbody_ros.core.{name} 0' for name in NOT_OF_A_TICK}
 
 
 def test_a_second_process_helps_until_the_first_one_has_done(tmp_path):

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The same scene in two processes gives the same bits.
+The same scene in two processes gives the same bits, with any number of threads.
 
-With any number of threads, compiled there or before, for this processor or for any.
+Compiled there or before, for this processor or for any: see test_compiled_anew.
 """
 
 import json
@@ -28,17 +28,6 @@ def test_processes_with_one_and_two_threads_agree_in_every_tick(scene):
     assert len(set(one)) == TICKS
     assert one == again
     assert one == two
-
-
-@pytest.mark.slow
-def test_compiled_anew_or_before_for_this_processor_or_any_the_bits_are_the_same(compiled_anew):
-    usual = hashes(printed(EVERYTHING + HASHES).splitlines())
-    assert len(usual) == TICKS
-    assert hashes(compiled_anew.one) == usual
-    assert hashes(compiled_anew.at_the_same_time) == usual
-    assert hashes(compiled_anew.for_any_processor) == usual
-    cache = {'NUMBA_CACHE_DIR': compiled_anew.cache}  # that both have written
-    assert hashes(printed(EVERYTHING + HASHES, **cache).splitlines()) == usual
 
 
 @pytest.mark.skipif(not compiled.is_compiled(), reason='kernels are plain Python')

@@ -95,7 +95,7 @@ def test_action_is_reaction_in_every_tick(mode, h, friction_model):
     bodies = [
         body(
             'box' if column % 2 else 'icosphere', name=f'at{column}{row}', mode=mode, size=0.17,
-            mass=1.0 + 20.0 * row, friction_model=friction_model, subdivisions=2,
+            mass=1.0 + 20.0 * row, friction_model=friction_model,
             position=(column + 0.1, 0.05, 0.8 + 0.35 * row),
             initial_velocity_linear=(0.0, 0.0, -2.0),
         )

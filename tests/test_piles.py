@@ -70,7 +70,13 @@ def nearest_centres(world):
 
 
 @pytest.mark.parametrize(
-    ('subdivisions', 'mode'), [(1, 'quadratic'), (2, 'quadratic'), (1, 'linear'), (1, 'rigid')]
+    ('subdivisions', 'mode'),
+    [
+        (1, 'quadratic'),
+        pytest.param(2, 'quadratic', marks=pytest.mark.slow),
+        (1, 'linear'),
+        (1, 'rigid'),
+    ],
 )
 def test_the_balls_of_a_heap_keep_apart(subdivisions, mode):
     world = heap(subdivisions, mode)

@@ -63,8 +63,15 @@ def test_ball_falls_bounces_and_settles_for_a_subscriber_elsewhere(graph):
     assert code == 0, errors
 
 
-@pytest.mark.parametrize('signal_number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('clock', ['wall', 'sim'])
+@pytest.mark.parametrize(
+    ('clock', 'signal_number'),
+    [
+        ('wall', signal.SIGINT),
+        ('sim', signal.SIGTERM),
+        pytest.param('wall', signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param('sim', signal.SIGINT, marks=pytest.mark.slow),
+    ],
+)
 def test_signals_end_it_with_exit_0_and_no_traceback(graph, signal_number, clock):
     arguments = ['--ros-args', '-p', 'use_sim_time:=true'] if clock == 'sim' else []
     process = graph.process(*arguments)
@@ -162,15 +169,21 @@ def test_malformed_requests_do_not_end_it(graph):
     ('yaml', 'sentence'),
     [
         ('ball: {mesh: missing.stl}', 'ball.mesh file missing.stl does not exist: check the path'),
-        ('ball: {mesh: ball.step}', "ball.mesh 'ball.step' is neither a primitive"),
         ('ball: {mass: -2}', 'ball.mass is -2.0: it must be from 1e-06 to 1e+06 kg'),
         ('ball: {mass: heavy}', "ball.mass is 'heavy': it must be a number"),
         ('ball: {stifness: 0.5}', 'unknown parameter ball.stifness: did you mean ball.stiffness?'),
-        ('ball: {position: [0.0, .nan, 0.0]}', 'ball.position is [0.0, nan, 0.0]'),
-        ('gravity: {direction: [0, 0, 0]}', 'gravity.direction is [0.0, 0.0, 0.0]'),
-        ('bodies: [two words]', "the name 'two words' is not usable"),
-        ('time_step: 0', 'time_step is 0.0: it must be from 1e-05 to 0.1 s'),
         ('ball: {position: [0.0, 0, 1.5]}', 'Sequence should be of same type'),
+        # of the same kinds: the sentences are those of test_parameters and test_config
+        *(
+            pytest.param(*bad, marks=pytest.mark.slow)
+            for bad in [
+                ('ball: {mesh: ball.step}', "ball.mesh 'ball.step' is neither a primitive"),
+                ('ball: {position: [0.0, .nan, 0.0]}', 'ball.position is [0.0, nan, 0.0]'),
+                ('gravity: {direction: [0, 0, 0]}', 'gravity.direction is [0.0, 0.0, 0.0]'),
+                ('bodies: [two words]', "the name 'two words' is not usable"),
+                ('time_step: 0', 'time_step is 0.0: it must be from 1e-05 to 0.1 s'),
+            ]
+        ),
     ],
 )
 def test_bad_start_is_one_sentence_and_exit_1(graph, tmp_path, yaml, sentence):

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Everything compiled into an empty cache: what is compiled, by whom, and that the bits are the same.
+
+The traps of a cache are tested with small kernels, in test_compiled. Here it takes a minute of two
+processors, once: for any processor, while those of this processor are in the usual cache.
+"""
+
+from dataclasses import dataclass
+
+from kernel_worlds import AHEAD, EVERYTHING, FOR_ANY_PROCESSOR, HASHES, TICKS, hashes
+import pytest
+from python_processes import begun, finished, printed
+
+NOT_OF_A_TICK = (
+    'shape_matching.polar_decomposition.rotate_all',
+    'collision.obstacles._distances',
+    'collision.obstacle_contacts.contacts_of',
+)
+"""Kernels that no simulation runs: they are compiled when they are called."""
+
+
+@dataclass(frozen=True)
+class CompiledAnew:
+    """A cache that was empty, and what the processes that filled it have printed, line by line."""
+
+    environment: dict
+    printed: list[list[str]]
+
+    def again(self, code):
+        """Return what a process prints that finds everything compiled."""
+        return printed(code, **self.environment).splitlines()
+
+
+def compiled_anew(cache, count, **environment):
+    """Compile everything in some processes at once, and step a world."""
+    environment |= {'NUMBA_CACHE_DIR': cache, 'NUMBA_DISABLE_JIT': None}
+    processes = [begun(AHEAD + EVERYTHING + HASHES, **environment) for _ in range(count)]
+    return CompiledAnew(environment, [finished(process).splitlines() for process in processes])
+
+
+@pytest.fixture(scope='module')
+def for_any_processor(tmp_path_factory):
+    """Where there are two processors, `compile_ahead` begins a second process: both compile."""
+    return compiled_anew(tmp_path_factory.mktemp('cache'), 1, **FOR_ANY_PROCESSOR)
+
+
+@pytest.fixture(scope='module')
+def two_at_once(tmp_path_factory):
+    """Compile for this processor, as two nodes do that are started together."""
+    return compiled_anew(tmp_path_factory.mktemp('cache'), 2)
+
+
+CASES = ['for_any_processor', pytest.param('two_at_once', marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_everything_is_compiled_ahead_once(case, request):
+    compiled = request.getfixturevalue(case)
+    for process in compiled.printed:
+        assert process[0].startswith('compiling the simulator for this machine, once: ')
+        assert process[1].startswith('compiled in ')
+    word, seconds = compiled.again(AHEAD)[0].split()
+    assert word == 'ahead' and float(seconds) < 0.1
+
+
+def test_each_kernel_is_compiled_ahead_for_one_set_of_types(for_any_processor):
+    """A second one, of arrays that are read-only or not contiguous, takes the time once more."""
+    (process,) = for_any_processor.printed
+    kernels = [line for line in process if line.startswith('kernel ')]
+    others = {line for line in kernels if not line.endswith(' 1')}
+    assert others == {f'kernel softbody_ros.core.{name} 0' for name in NOT_OF_A_TICK}
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_compiled_anew_or_before_for_this_processor_or_any_the_bits_are_the_same(case, request):
+    compiled = request.getfixturevalue(case)
+    usual = hashes(printed(EVERYTHING + HASHES).splitlines())
+    assert len(usual) == TICKS
+    for process in compiled.printed:
+        assert hashes(process) == usual
+    # from a cache that more than one process has written
+    assert hashes(compiled.again(EVERYTHING + HASHES)) == usual
