@@ -40,7 +40,7 @@ setup(
         # files of the command `bake`: USD and glTF
         'bake': BAKE,
         # what tests/benchmarks compares with, and draws with
-        'bench': ['pypbd>=2.2', 'rapier3d>=0.36', 'matplotlib'],
+        'bench': ['pypbd>=2.2', 'rapier3d>=0.36', 'mujoco>=4.0', 'matplotlib'],
         'jazzy': [
             'ros-jazzy-rclpy',
             'ros-jazzy-common-interfaces',

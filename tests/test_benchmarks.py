@@ -32,6 +32,11 @@ def test_scaling_benchmark_measures_one_body():
     assert '| 92 | ' in table and '| 162 | ' in table
 
 
+def test_gripper_benchmark_measures_a_grasp():
+    table = run('gripper.py')
+    assert '| rigid | ' in table and '| quadratic, may fall asleep | ' in table
+
+
 def test_contact_battery_measures_every_scene():
     tables = run('contact_battery.py')
     scenes = [line for line in tables.splitlines() if line.startswith('### ')]

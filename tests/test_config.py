@@ -5,6 +5,7 @@
 from array import array
 import dataclasses
 import math
+import re
 
 from core_helpers import sheet
 import numpy as np
@@ -95,7 +96,7 @@ def test_every_field_but_names_and_parts_is_a_setting(config_class):
 
 @pytest.mark.parametrize('config_class', CLASSES)
 def test_configs_cannot_be_changed_behind_the_validation(config_class):
-    field = next(settings(config_class))[0]
+    field = settings(config_class)[0][0]
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(config_class(), field, 0)
 
@@ -296,3 +297,17 @@ def test_a_world_of_nothing_can_be_stepped():
     world = World(WorldConfig(bodies=(), obstacles=()))
     world.step(3)
     assert world.tick == 3
+
+
+def test_an_obstacle_is_moved_with_what_is_checked_only():
+    box = ObstacleConfig(name='box', type='box', size=(0.1, 0.2, 0.3), velocity_linear=(1, 0, 0))
+    there = box.moved(position=np.array([1, 2, 3]), orientation=[0, 0, 1, 0])
+    same = dataclasses.replace(box, position=(1.0, 2.0, 3.0), orientation=(0.0, 0.0, 1.0, 0.0))
+    assert there == same and hash(there) == hash(same) and box.position == (0.0, 0.0, 0.0)
+    for values, message in (
+        ({'position': (0, 0, math.inf)}, 'box.position is [0, 0, inf]'),
+        ({'orientation': (0, 0, 0, 0)}, 'its length must not be zero'),
+        ({'velocity_linear': (1, 2)}, 'it must be 3 numbers'),
+    ):
+        with pytest.raises(ConfigError, match=re.escape(message)):
+            box.moved(**values)

@@ -10,9 +10,11 @@ the ROS parameters, their descriptors and the README table are all derived from 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 import dataclasses
 from dataclasses import dataclass
 import difflib
+from functools import cache
 import math
 import numbers
 import re
@@ -76,14 +78,23 @@ def setting(default: Any, description: str, **facts: Any) -> Any:
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def settings(config_class: type | object) -> Iterator[tuple[str, str, Setting]]:
+def settings(config_class: type | object) -> Sequence[tuple[str, str, Setting]]:
     """
-    Yield (field name, dotted name, Setting) of each field made by `setting`.
+    Return (field name, dotted name, Setting) of each field made by `setting`.
 
     The dotted name is the ROS parameter's: field `gravity_magnitude` of group `gravity` is
     `gravity.magnitude`, `pins_velocity_linear` of group `pins.velocity` is `pins.velocity.linear`.
     """
-    for field in dataclasses.fields(config_class):  # type: ignore[arg-type]
+    return _settings(config_class if isinstance(config_class, type) else type(config_class))
+
+
+@cache
+def _settings(config_class: type) -> tuple[tuple[str, str, Setting], ...]:
+    return tuple(_each_setting(config_class))
+
+
+def _each_setting(config_class: type) -> Iterator[tuple[str, str, Setting]]:
+    for field in dataclasses.fields(config_class):
         facts = field.metadata.get('setting')
         if facts is None:
             continue
@@ -130,7 +141,8 @@ def checked(name: str, value: Any, facts: Setting) -> Any:
 
 def _number(name: str, value: Any, item: Any, facts: Setting, kind: type) -> Any:
     wanted = numbers.Integral if kind is int else numbers.Real
-    if isinstance(item, (bool, np.bool_)) or not isinstance(item, wanted):
+    is_plain = kind is float and isinstance(item, float)  # asked first: it is much faster
+    if not is_plain and (isinstance(item, (bool, np.bool_)) or not isinstance(item, wanted)):
         what = 'a whole number' if kind is int else 'a number'
         raise ConfigError(f'{name} is {_shown(value)}: it must be {what}')
     try:
@@ -184,12 +196,16 @@ class Checked:
                 f'the name {name!r} is not usable: begin with a letter and go on with '
                 'letters, digits and underscores'
             )
-        for field, dotted, facts in settings(self):
+        self._check(settings(self))
+
+    def _check(self, chosen: Sequence[tuple[str, str, Setting]]) -> None:
+        """Check the values of some settings, and make them of the right type."""
+        for field, dotted, facts in chosen:
             value = getattr(self, field)
             if isinstance(value, Surface):
                 continue
             object.__setattr__(self, field, checked(self.prefix + dotted, value, facts))
-        for field, dotted, facts in settings(self):
+        for field, dotted, facts in chosen:
             if field.endswith(('direction', 'orientation')):
                 length = math.hypot(*getattr(self, field))
                 if length < 1e-6:
@@ -362,6 +378,18 @@ class ObstacleConfig(Checked):
         unit='rad/s', minimum=-1e4, maximum=1e4, group='velocity',
     )  # fmt: skip
 
+    def moved(self, **motion: Any) -> ObstacleConfig:
+        """
+        Return a config with another pose or velocity: only these are checked.
+
+        That is for obstacles that are moved at each tick.
+        """
+        result = copy(self)
+        for field, value in motion.items():
+            object.__setattr__(result, field, value)
+        result._check([each for each in settings(self) if each[0] in motion])
+        return result
+
 
 @dataclass(frozen=True)
 class WorldConfig(Checked):
@@ -389,6 +417,13 @@ class WorldConfig(Checked):
         for name in names:
             if names.count(name) > 1:
                 raise ConfigError(f'the name {name} is used twice: give each thing its own')
+
+    def with_obstacle(self, index: int, config: ObstacleConfig) -> WorldConfig:
+        """Return a config with another config of one obstacle, of the same name."""
+        result, configs = copy(self), list(self.obstacles)
+        configs[index] = config
+        object.__setattr__(result, 'obstacles', tuple(configs))
+        return result
 
     @property
     def gravity(self) -> np.ndarray:

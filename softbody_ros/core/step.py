@@ -216,7 +216,7 @@ class Integrator:
         kept = resolution.resolve(
             bodies, state.shapes, state.weights, state.q, state.x, state.v, self._flown,
             environment.records, environment.trees, h, members, self._rows[:found], self._places,
-            self._memory, state.obstacle_impulse, state.normal_impulse, self.work,
+            memory, self._memory, state.obstacle_impulse, state.normal_impulse, self.work,
             state.is_pinned,
         )  # fmt: skip
         if kept == 0:
@@ -233,16 +233,20 @@ class Integrator:
         found: int,
     ) -> int:
         state, fixed = self._state, environment.fixed_points
-        thick = state.bodies.copy()
-        thick['thickness'][chosen] += members['margin']
-        candidates = find_candidates(state, thick, chosen, environment.surfaces, fixed)
-        contacts = NO_CONTACTS
-        if candidates is not None:
-            numbers = np.arange(len(chosen) + len(fixed))
-            first = np.append(thick['first'][chosen], state.x.shape[2])
-            contacts = find_body_contacts(
-                state, thick, chosen, environment.surfaces, candidates[0], numbers, first
-            )
+        # bodies are thicker meanwhile: what is within their margins may touch in this tick
+        thickness = state.bodies['thickness']
+        own, contacts = thickness[chosen], NO_CONTACTS
+        thickness[chosen] += members['margin']
+        try:
+            candidates = find_candidates(state, chosen, environment.surfaces, fixed)
+            if candidates is not None:
+                numbers = np.arange(len(chosen) + len(fixed))
+                first = np.append(state.bodies['first'][chosen], state.x.shape[2])
+                contacts = find_body_contacts(
+                    state, chosen, environment.surfaces, candidates[0], numbers, first
+                )
+        finally:
+            thickness[chosen] = own
         if found + len(contacts) > len(self._rows):
             rows = np.zeros(2 * (found + len(contacts)), ROW)
             rows[:found] = self._rows[:found]

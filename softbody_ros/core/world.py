@@ -807,17 +807,16 @@ class World:
             raise ConfigError(f'there is no obstacle {name!r}: {unknown_name(name, names)}')
         index = names.index(name)
         current = self._obstacles[index]
-        values: dict[str, Any] = {'position': position, 'orientation': orientation}
-        if orientation is None:
-            del values['orientation']
-        values |= {'velocity_linear': linear, 'velocity_angular': angular}
-        config = dataclasses.replace(current.config, **values)
-        new = obstacles.placed(config, current.tree)
+        values: dict[str, Any] = {
+            'position': position, 'velocity_linear': linear, 'velocity_angular': angular,
+        }  # fmt: skip
+        if orientation is not None:
+            values['orientation'] = orientation
+        config = current.config.moved(**values)
+        new = obstacles.placed_like(current, config)
         if obstacles.is_same(current, new):
             return
-        configs = list(self.config.obstacles)
-        configs[index] = config
-        self.config = dataclasses.replace(self.config, obstacles=tuple(configs))
+        self.config = self.config.with_obstacle(index, config)
         self._set_obstacles((*self._obstacles[:index], new, *self._obstacles[index + 1 :]))
         self._wake_near([current, new])
 

@@ -26,7 +26,6 @@ CANDIDATES = 1024
 
 def find_candidates(
     state: Any,
-    bodies: np.ndarray,
     chosen: np.ndarray,
     surfaces: CollisionSurfaces,
     fixed: Sequence[Any],
@@ -38,14 +37,12 @@ def find_candidates(
     ----------
     state : State
         with positions after the flight
-    bodies : (B,) BODY
-        those of the state, possibly thicker
     chosen : (c,) int
     surfaces : CollisionSurfaces
     fixed : sequence of FixedPoints
 
     """
-    shapes, count = state.shapes, len(chosen)
+    bodies, shapes, count = state.bodies, state.shapes, len(chosen)
     pieced = bodies['regions'][chosen] > 1
     if count < 2 and not fixed and not pieced.any():
         return None
@@ -86,7 +83,6 @@ def find_candidates(
 
 def find_body_contacts(
     state: Any,
-    bodies: np.ndarray,
     chosen: np.ndarray,
     surfaces: CollisionSurfaces,
     candidates: np.ndarray,
@@ -100,14 +96,14 @@ def find_body_contacts(
     ----------
     numbers, first
         see `narrow_phase.find_contacts`
-    state, bodies, chosen, surfaces, candidates
+    state, chosen, surfaces, candidates
         see `find_candidates`
 
     """
     arrays, contacts = surfaces.arrays, surfaces.buffer(CONTACT, len(candidates))
     found = find_contacts(
-        bodies, chosen, state.shapes, state.q, arrays.surfaces, arrays.faces, arrays.piece_of_face,
-        arrays.normals, arrays.origins, arrays.trees, state.x, state.match_centre,
-        state.match_posture, candidates, numbers, first, contacts,
+        state.bodies, chosen, state.shapes, state.q, arrays.surfaces, arrays.faces,
+        arrays.piece_of_face, arrays.normals, arrays.origins, arrays.trees, state.x,
+        state.match_centre, state.match_posture, candidates, numbers, first, contacts,
     )  # fmt: skip
     return contacts[:found]

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 import math
 import operator
 
@@ -188,8 +188,21 @@ def made(config: ObstacleConfig) -> Obstacle:
 
 def placed(config: ObstacleConfig, tree: SurfaceTree | None = None) -> Obstacle:
     """Return an obstacle at the pose of its config, with the tree of its mesh."""
-    rotation = Rotation.from_quat(config.orientation).as_matrix()
-    return Obstacle(config, np.array(config.position), rotation, make_shape(config, tree))
+    position, rotation = np.array(config.position), _rotation_by(config.orientation)
+    return Obstacle(config, position, rotation, make_shape(config, tree))
+
+
+def placed_like(obstacle: Obstacle, config: ObstacleConfig) -> Obstacle:
+    """Return an obstacle of the same shape at the pose of a config."""
+    position, rotation = np.array(config.position), _rotation_by(config.orientation)
+    return Obstacle(config, position, rotation, obstacle.shape)
+
+
+@lru_cache(maxsize=1024)
+def _rotation_by(orientation: tuple[float, ...]) -> np.ndarray:
+    rotation = Rotation.from_quat(orientation).as_matrix()
+    rotation.setflags(write=False)
+    return rotation
 
 
 def is_same(one: Obstacle, other: Obstacle) -> bool:

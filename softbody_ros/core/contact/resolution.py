@@ -104,9 +104,9 @@ VELOCITY_COMPLIANCE = 1e-4
 """Compliance of contacts for velocities, relative to the inverse mass."""
 MARGIN, SOFT_MARGIN = 0.01, 0.001
 """Distance, in RMS radii, within which contacts take part that are not made yet: of rigid bodies,
-and of deformable ones, where more are kept the deeper others are (`LEVER`)."""
+and of deformable ones, where more are kept the more others change (`LEVER`)."""
 LEVER = 2.0
-"""Displacement of particles by contacts at others, relative to the depth of these, at most."""
+"""Displacement of particles by contacts at others, relative to that at these, at most."""
 RELEASED = 1e-12
 """Force, relative to that of the positions, that is rounding: the contact has ended."""
 GAIN = 1e-10
@@ -305,7 +305,7 @@ def nears_any(body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarr
 
 
 @helper
-def find_near(members: np.ndarray, rows: np.ndarray, near: np.ndarray) -> int:
+def find_near(members: np.ndarray, rows: np.ndarray, memory: np.ndarray, near: np.ndarray) -> int:
     """
     Choose the contacts that may act, and return their number.
 
@@ -314,28 +314,54 @@ def find_near(members: np.ndarray, rows: np.ndarray, near: np.ndarray) -> int:
     with their speed. By more than that they displace where a contact is deeper after the flight
     than it was after that of the tick before.
 
+    Where all contacts of a body persist and their flights are those of the tick before, the body
+    is steady: then a new contact acts only if it is closed with that speed, too. So the surface
+    around a patch, which springs out in the flight, needs no contacts.
+
     Parameters
     ----------
     members, rows : (m,) MEMBER, (k,) ROW
+    memory : (r,) MEMORY
+        of the tick before
     near : (k,) bool
         written
 
     """
-    deepest, count = np.zeros(len(members)), 0
+    deepest, changes, persist = np.zeros(len(members)), np.zeros(len(members)), 0
+    held = np.zeros(len(members), np.bool_)
     for row in rows:
         depth = min(row['gap_before'], 0.0) - row['gap']
-        deepest[row['one']] = max(deepest[row['one']], depth)
-        if row['two'] >= 0:
-            deepest[row['two']] = max(deepest[row['two']], depth)
+        change = -max(row['gap'], row['coasting'])
+        if not row['is_new']:
+            persist += 1
+            change = abs(row['gap'] - row['gap_before'])
+        for side in range(2):
+            index, _ = side_of(row, side)
+            if index >= 0:
+                deepest[index] = max(deepest[index], depth)
+                changes[index] = max(changes[index], change)
+                held[index] = held[index] or not row['is_new']
+    vanished = persist < len(memory)
+    for number in range(len(members)):
+        calm = changes[number] <= SOFT_MARGIN * members[number]['scale']
+        held[number] = held[number] and calm and not vanished
+    count = 0
     for k in range(len(rows)):
-        row = rows[k]
-        one = members[row['one']]
-        nearby, deformable = one['nearby'] + LEVER * deepest[row['one']], one['is_soft']
-        if row['two'] >= 0:
-            two = members[row['two']]
-            nearby += two['nearby'] + LEVER * deepest[row['two']]
-            deformable = deformable or two['is_soft']
+        row, nearby, deformable, steady = rows[k], 0.0, False, True
+        for side in range(2):
+            index, _ = side_of(row, side)
+            if index >= 0:
+                nearby += members[index]['nearby'] + LEVER * deepest[index]
+                deformable = deformable or members[index]['is_soft']
+                steady = steady and held[index]
         gap = min(row['gap'], row['coasting'])
+        if steady:
+            gap = max(row['gap'], row['coasting'])
+            nearby = 0.0
+            for side in range(2):
+                index, _ = side_of(row, side)
+                if index >= 0:
+                    nearby += members[index]['nearby'] + LEVER * changes[index]
         near[k] = not (deformable and row['is_new'] and gap > nearby)
         count += near[k]
     return count
@@ -401,6 +427,7 @@ def resolve(
     members: np.ndarray,
     rows: np.ndarray,
     place_of: np.ndarray,
+    memory: np.ndarray,
     remembered: np.ndarray,
     obstacle_impulse: np.ndarray,
     normal_impulse: np.ndarray,
@@ -420,6 +447,8 @@ def resolve(
         all contacts
     place_of : (N,) int
         scratch of −1, and so again after that
+    memory : (r,) MEMORY
+        of the tick before
     remembered : (k,) MEMORY
         written, not in order
     obstacle_impulse, normal_impulse
@@ -436,7 +465,7 @@ def resolve(
 
     """
     count, near = len(members), np.empty(len(rows), np.bool_)
-    left = find_near(members, rows, near)
+    left = find_near(members, rows, memory, near)
     island, own = np.empty(count, np.int64), np.empty(SPARE * left, rows.dtype)
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)

@@ -157,7 +157,9 @@ def complete_row(
     if row['two'] >= 0 and not members[row['two']]['is_soft']:
         row['inverse_mass'] += 1.0 / members[row['two']]['mass']
     motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
-    put_tolerated(row, dot(normal, motion) - row['gap'], one['scale'], h)
+    before = row['gap'] - dot(normal, motion)
+    recovered = RECOVERY * one['scale'] * h
+    row['tolerated'] = max(min(row['tolerated'], -before) - recovered, 0.0)
     row['gap'] += row['tolerated']
     touching, approach = touch(
         row['gap'] - dot(normal, motion), row['gap'], dot(normal, velocity), h,
@@ -168,23 +170,6 @@ def complete_row(
     speed = 2.0 * dot(normal, motion) / h - dot(normal, velocity)
     row['closing'] = -speed
     put_slip(row, along(motion, -touching, velocity))
-
-
-@helper
-def put_tolerated(row: np.void, depth: float, scale: float, h: float) -> None:
-    """
-    Write the depth that is tolerated of what has been found deep inside something.
-
-    Less from tick to tick, so that it gets out. But where the contact yields instead, as others
-    leave no room, and at first, only so much less that its compliance throws nothing out faster:
-    at depth y by ω y, without the others.
-    """
-    tolerated, least = row['tolerated'], RECOVERY * scale / CONTACT_FREQUENCY
-    if row['is_new'] or (tolerated > 0.0 and depth > tolerated + 0.5 * least):
-        tolerated = depth - least
-    else:
-        tolerated = min(tolerated, depth) - RECOVERY * scale * h
-    row['tolerated'] = max(tolerated, 0.0)
 
 
 @helper
