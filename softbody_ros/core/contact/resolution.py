@@ -812,7 +812,7 @@ def resolve_island(
         add_impulses(members, impulses.rows)
         add_velocities(members, particles, problem.modes[0], problem.shifts[0])
     share = 1.0
-    if (work[2] > unsolved or any_tolerated(rows[:acting])) and not is_soft:
+    if (work[2] > unsolved or any_inside(members, rows)) and not is_soft:
         most = largest_energy(members, rows[:acting], energy)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
             share = keep_energy(members, energy, most)
@@ -1355,10 +1355,13 @@ def keep_motion(members: np.ndarray) -> None:
 
 
 @helper
-def any_tolerated(rows: np.ndarray) -> bool:
-    """Return whether something gets out of something in which it has been found."""
+def any_inside(members: np.ndarray, rows: np.ndarray) -> bool:
+    """Return whether something was inside something, where it was found or pressed."""
     for k in range(len(rows)):
-        if rows[k]['tolerated'] > 0.0:
+        row = rows[k]
+        motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
+        before = row['gap'] - dot(vector_of(row['normal']), motion)
+        if row['tolerated'] > 0.0 or before < -LINEARISED * members[row['one']]['scale']:
             return True
     return False
 

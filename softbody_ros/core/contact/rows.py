@@ -56,6 +56,7 @@ ROW = np.dtype(
         ('shares', np.float64, (4,)),
         ('particles', np.int64, (4,)),
         ('target', np.float64, (3,)),  # what f approaches
+        ('best', np.float64, (3,)),  # of all that f has been, nearest to a solution
         ('radius', np.float64),  # of the friction disc
         ('disc_change', np.float64),  # its last change
         ('model_bias', np.float64, (3,)),  # if R is taken as diagonal

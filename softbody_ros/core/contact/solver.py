@@ -40,7 +40,7 @@ from softbody_ros.core.contact.problem import (
     sum_forces,
     width_of,
 )
-from softbody_ros.core.geometry.vectors import ZERO, Vector, plus
+from softbody_ros.core.geometry.vectors import ZERO, Vector, plus, put_vector, vector_of
 
 SWEEPS, SLOW, MOST_SWEEPS = 4, 0.25, 200
 """Gauss–Seidel sweeps go on as long as so many reduce the residual to this share, at most 200."""
@@ -113,7 +113,9 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
         # of the problem before, or of another: nothing to extrapolate
         rows[k]['radius'] = radius_for(rows[k], rows[k]['force'][0])
         rows[k]['disc_change'] = 0.0
-    settle(problem, tolerance)
+    best = imbalance(problem)
+    keep(rows)
+    take_discs(problem, best > tolerance)
     newton = conjugate = 0
     least = (PRECISION * tolerance) * (PRECISION * tolerance) * mass
     points = len(problem.mobility)
@@ -127,12 +129,29 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
             for _ in range(SHARED_SWEEPS):
                 sweep(problem)
             sweeps += SHARED_SWEEPS
-        residual = settle(problem, tolerance)
+        residual = imbalance(problem)
+        if residual < best:
+            best = residual
+            keep(rows)
+        take_discs(problem, residual > tolerance)
         if is_viscous:
             distribute_viscous_friction(problem)
         if residual <= tolerance or newton >= STEPS:
             break
+    if residual > tolerance:
+        # what Newton's method ends at without a solution may be far from all that is possible
+        residual = best
+        for k in range(len(rows)):
+            put_vector(rows[k]['force'], vector_of(rows[k]['best']))
+        sum_forces(problem)
     return residual, sweeps, newton + conjugate
+
+
+@helper
+def keep(rows: np.ndarray) -> None:
+    """Keep the present forces as the best ones."""
+    for k in range(len(rows)):
+        put_vector(rows[k]['best'], vector_of(rows[k]['force']))
 
 
 @helper
@@ -184,13 +203,8 @@ def squared_change(row: np.void, change: Vector) -> float:
 
 
 @helper
-def settle(problem: Problem, tolerance: float) -> float:
-    """
-    Take the friction discs of the present normal forces, and return the residual before.
-
-    That is the largest change of s by a projection of a row, all from the same state. Discs are
-    extrapolated if it is not tolerated.
-    """
+def imbalance(problem: Problem) -> float:
+    """Return the residual: the largest change of s by a projection of a row, from this state."""
     rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
     y, shifts = problem.modes[0], problem.shifts[0]
     is_mobile, residual = any_mobile(problem), 0.0
@@ -200,15 +214,20 @@ def settle(problem: Problem, tolerance: float) -> float:
         if is_mobile:
             motion = plus(motion, particle_response(row, jacobian[k], counts, y, shifts))
         residual = max(residual, squared_change(row, relaxed(row, slip_of(row, motion))))
-    residual = math.sqrt(residual)
-    update_discs(rows, residual > tolerance)
+    return math.sqrt(residual)
+
+
+@helper
+def take_discs(problem: Problem, extrapolates: bool) -> None:
+    """Take the friction discs of the present normal forces, or of those that they tend to."""
+    rows = problem.rows
+    update_discs(rows, extrapolates)
     for k in range(len(rows)):
         row = rows[k]
         base, force = row['base'], row['force']
         one, two = on_disc(base[1] + force[1], base[2] + force[2], row['radius'])
         force[1], force[2] = one - base[1], two - base[2]
     sum_forces(problem)
-    return residual
 
 
 # --------------------------------------------------------------------------------------- friction
