@@ -297,7 +297,7 @@ def is_stopped():
     looks.append(1)
     return len(looks) > 5
 
-warm_up.warm_up = lambda: total(np.ones(3))
+warm_up.warm_up = lambda before_contact: total(np.ones(3))
 print(warm_up.compile_ahead(print, print, is_stopped), len(looks), compiled.is_complete())
 """
 

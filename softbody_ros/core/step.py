@@ -185,21 +185,20 @@ class Integrator:
         self, chosen: np.ndarray, environment: Environment, h: float
     ) -> np.ndarray:
         """Resolve all contacts of bodies (m,), and return the forces to remember."""
-        state, bodies = self._state, self._state.bodies
+        members, found = self.find_rows(chosen, environment, h)
+        return self.resolve_rows(members, found, environment, h)
+
+    def find_rows(
+        self, chosen: np.ndarray, environment: Environment, h: float
+    ) -> tuple[np.ndarray, int]:
+        """Find all contacts of bodies (m,); return these as MEMBERs, and the number of rows."""
+        state, bodies, memory = self._state, self._state.bodies, self._state.contact_memory
         members = np.zeros(len(chosen), MEMBER)
-        memory, found = state.contact_memory, 0
         others = self._any_pairs or bool(environment.fixed_points)
         resolution.begin_members(
-            bodies,
-            chosen,
-            state.shapes,
-            state.x,
-            self._flown,
-            environment.records,
-            h,
-            others,
+            bodies, chosen, state.shapes, state.x, self._flown, environment.records, h, others,
             members,
-        )
+        )  # fmt: skip
         while True:
             found = resolution.find_obstacle_rows(
                 bodies, state.shapes, state.weights, state.x, state.v, self._flown,
@@ -211,13 +210,20 @@ class Integrator:
             self._rows = np.zeros(2 * found, ROW)
         if others:
             found = self._find_face_rows(chosen, environment, h, members, found)
+        return members, found
+
+    def resolve_rows(
+        self, members: np.ndarray, found: int, environment: Environment, h: float
+    ) -> np.ndarray:
+        """Resolve the contacts (found,) of MEMBERs, and return the forces to remember."""
+        state, bodies = self._state, self._state.bodies
         if len(self._memory) < found:
             self._memory = np.zeros(len(self._rows), MEMORY)
         kept = resolution.resolve(
             bodies, state.shapes, state.weights, state.q, state.x, state.v, self._flown,
             environment.records, environment.trees, h, members, self._rows[:found], self._places,
-            memory, self._memory, state.obstacle_impulse, state.normal_impulse, self.work,
-            state.is_pinned,
+            state.contact_memory, self._memory, state.obstacle_impulse, state.normal_impulse,
+            self.work, state.is_pinned,
         )  # fmt: skip
         if kept == 0:
             return NO_MEMORY

@@ -22,6 +22,7 @@ import numpy as np
 from softbody_ros.core import compiled
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import OBSTACLE_TYPES, BodyConfig, ObstacleConfig, WorldConfig
+from softbody_ros.core.contact.members import MEMBER
 from softbody_ros.core.external_inputs import ObstacleUpdate
 from softbody_ros.core.geometry.mesh import Surface
 from softbody_ros.core.world import World
@@ -103,21 +104,27 @@ def _compile(is_stopped: Callable[[], bool]) -> None:
                 raise KeyboardInterrupt
             bar.update(100.0 * share - bar.n)
 
-        with _second_process(), compiled.compilations(note):
-            warm_up()
+        with _second_process() as second, compiled.compilations(note):
+
+            def wait() -> None:
+                while second is not None and second.poll() is None:
+                    note(0.0)
+                    time.sleep(0.05)
+
+            warm_up(wait)
     compiled.mark_complete()
 
 
 @contextmanager
-def _second_process() -> Iterator[None]:
+def _second_process() -> Iterator[subprocess.Popen | None]:
     """
     Let another process compile a half meanwhile, if there is a processor for it.
 
-    It fills the cache, from which this one takes what is ready when it is needed: so nothing
-    depends on how far the other one gets.
+    It fills the cache, from which this one takes what is ready when the other one has ended,
+    however far it got.
     """
     if _processors() < 2 or compiled.cache_folder() is None:
-        yield
+        yield None
         return
     try:
         process = subprocess.Popen(
@@ -126,10 +133,10 @@ def _second_process() -> Iterator[None]:
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
     except OSError:  # e.g. too little memory
-        yield
+        yield None
         return
     try:
-        yield
+        yield process
     finally:
         process.kill()
         process.wait()
@@ -143,9 +150,9 @@ def _processors() -> int:
 
 def compile_other_half(parent: int) -> None:
     """
-    Compile the common problem of all contacts, as long as the parent lives.
+    Compile the solution of all contacts, as long as the parent lives.
 
-    It takes nearly as long as all else does, and `warm_up` needs it last.
+    It takes as long as all else does, and `warm_up` needs it last.
     """
 
     def note(_: float) -> None:
@@ -153,20 +160,29 @@ def compile_other_half(parent: int) -> None:
             raise KeyboardInterrupt
 
     with suppress(KeyboardInterrupt), compiled.compilations(note):
-        world, nobody = everything(), np.zeros(0, np.int64)
+        world = everything()
         integrator, environment = world._integrator, world._environment
-        integrator.resolve_contacts(nobody, environment, world.config.time_step)
+        integrator.resolve_rows(np.zeros(0, MEMBER), 0, environment, world.config.time_step)
 
 
-def warm_up() -> None:
-    """Run every kernel: step small worlds in which everything happens that happens in worlds."""
+def warm_up(before_contact: Callable[[], None] = lambda: None) -> None:
+    """
+    Run every kernel: step small worlds in which everything happens that happens in worlds.
+
+    Parameters
+    ----------
+    before_contact : callable
+        waits for the second process, if there is one
+
+    """
     # first what is not left to a second process
     world = everything()
-    world._integrator.fly(
-        np.arange(len(world.names)), world._environment.gravity, world.config.time_step
-    )
+    every, environment = np.arange(len(world.names)), world._environment
+    world._integrator.fly(every, environment.gravity, world.config.time_step)
+    world._integrator.find_rows(every, environment, world.config.time_step)
     world.rigid_fit(world.names[0])
     world.poke(world.positions(world.names[0])[0], 0.1, 0.5)
+    before_contact()
 
     world = everything()
     world.step(2)
