@@ -813,7 +813,7 @@ class World:
         if orientation is not None:
             values['orientation'] = orientation
         config = current.config.moved(**values)
-        new = obstacles.placed_like(current, config)
+        new = obstacles.placed_shape(config, current.shape)
         if obstacles.is_same(current, new):
             return
         self.config = self.config.with_obstacle(index, config)

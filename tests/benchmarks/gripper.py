@@ -19,11 +19,12 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 import importlib.metadata
 import importlib.util
-import math
 import multiprocessing
 import statistics
 import time
 
+from contact_scenes.analytic import reference_step
+from contact_scenes.base import STIFFNESS
 import numpy as np
 from printing import print_table, shown
 import trimesh
@@ -65,7 +66,7 @@ class Ours:
             sleeping.SAMPLES_TO_SLEEP = 1 << 30  # MuJoCo's ball does not fall asleep
         ball = BodyConfig(
             name='ball', mode=mode, size=RADIUS, mass=MASS, position=(0.0, 0.0, RADIUS),
-            friction_model='coulomb', friction=FRICTION, stiffness=0.5,
+            friction_model='coulomb', friction=FRICTION, stiffness=STIFFNESS,
         )  # fmt: skip
         self._squeeze = 0.01 if mode == 'rigid' else 1.0
         self._reach = RADIUS + FINGER[0] + GAP
@@ -73,11 +74,10 @@ class Ours:
             ObstacleConfig(name=name, type='box', size=FINGER, position=(side * 0.3, 0.0, RADIUS))
             for name, side in (('left', -1.0), ('right', 1.0))
         ]
-        reference = math.acos(1.0 - 0.5 / 2.0) / (2.0 * math.pi * FREQUENCY)
         self._world = World(
             WorldConfig(
                 time_step=STEP,
-                reference_step=reference,
+                reference_step=reference_step(FREQUENCY, STIFFNESS),
                 bodies=(ball,),
                 obstacles=(ObstacleConfig(name='ground'), *fingers),
             )

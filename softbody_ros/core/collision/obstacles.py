@@ -188,14 +188,12 @@ def made(config: ObstacleConfig) -> Obstacle:
 
 def placed(config: ObstacleConfig, tree: SurfaceTree | None = None) -> Obstacle:
     """Return an obstacle at the pose of its config, with the tree of its mesh."""
-    position, rotation = np.array(config.position), _rotation_by(config.orientation)
-    return Obstacle(config, position, rotation, make_shape(config, tree))
+    return placed_shape(config, make_shape(config, tree))
 
 
-def placed_like(obstacle: Obstacle, config: ObstacleConfig) -> Obstacle:
-    """Return an obstacle of the same shape at the pose of a config."""
-    position, rotation = np.array(config.position), _rotation_by(config.orientation)
-    return Obstacle(config, position, rotation, obstacle.shape)
+def placed_shape(config: ObstacleConfig, shape: Shape) -> Obstacle:
+    """Return an obstacle of a shape at the pose of its config."""
+    return Obstacle(config, np.array(config.position), _rotation_by(config.orientation), shape)
 
 
 @lru_cache(maxsize=1024)

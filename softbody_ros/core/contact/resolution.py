@@ -351,17 +351,15 @@ def find_near(members: np.ndarray, rows: np.ndarray, memory: np.ndarray, near: n
         for side in range(2):
             index, _ = side_of(row, side)
             if index >= 0:
-                nearby += members[index]['nearby'] + LEVER * deepest[index]
                 deformable = deformable or members[index]['is_soft']
                 steady = steady and held[index]
-        gap = min(row['gap'], row['coasting'])
+        gap, displaced = min(row['gap'], row['coasting']), deepest
         if steady:
-            gap = max(row['gap'], row['coasting'])
-            nearby = 0.0
-            for side in range(2):
-                index, _ = side_of(row, side)
-                if index >= 0:
-                    nearby += members[index]['nearby'] + LEVER * changes[index]
+            gap, displaced = max(row['gap'], row['coasting']), changes
+        for side in range(2):
+            index, _ = side_of(row, side)
+            if index >= 0:
+                nearby += members[index]['nearby'] + LEVER * displaced[index]
         near[k] = not (deformable and row['is_new'] and gap > nearby)
         count += near[k]
     return count
