@@ -193,14 +193,13 @@ def placed(config: ObstacleConfig, tree: SurfaceTree | None = None) -> Obstacle:
 
 def placed_shape(config: ObstacleConfig, shape: Shape) -> Obstacle:
     """Return an obstacle of a shape at the pose of its config."""
-    return Obstacle(config, np.array(config.position), _rotation_by(config.orientation), shape)
+    rotation = np.array(_rotation_by(config.orientation))
+    return Obstacle(config, np.array(config.position), rotation, shape)
 
 
 @lru_cache(maxsize=1024)
 def _rotation_by(orientation: tuple[float, ...]) -> np.ndarray:
-    rotation = Rotation.from_quat(orientation).as_matrix()
-    rotation.setflags(write=False)
-    return rotation
+    return Rotation.from_quat(orientation).as_matrix()
 
 
 def is_same(one: Obstacle, other: Obstacle) -> bool:
