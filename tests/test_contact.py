@@ -531,3 +531,44 @@ def test_nothing_depends_on_the_room_that_there_was_for_contacts():
         world.step(100)
     assert len(worlds[0]._integrator._rows) < 5000
     assert bytes_of(worlds[0]) == bytes_of(worlds[1])
+
+
+@pytest.mark.parametrize(
+    ('mode', 'hertz', 'regions', 'model'),
+    [
+        ('linear', 90, 8, 'viscous'),
+        ('linear', 300, 0, 'viscous'),
+        ('quadratic', 300, 8, 'viscous'),
+        ('quadratic', 300, 8, 'coulomb'),
+    ],
+)
+def test_what_swings_more_than_once_in_a_tick_is_not_thrown(mode, hertz, regions, model):
+    h = 1 / 60
+    ball = BodyConfig(
+        mode=mode, size=0.05, mass=0.2, subdivisions=2, position=(0.0, 0.0, 0.2),
+        regions_count=regions, friction_model=model, friction=0.4,
+    )  # fmt: skip
+    fingers = [
+        ObstacleConfig(name=name, type='box', size=(0.01, 0.02, 0.03), position=(x, 0.0, 0.2))
+        for name, x in (('left', -0.06), ('right', 0.06))
+    ]
+    wall = ObstacleConfig(
+        name='wall', type='box', size=(0.3, 0.05, 0.3), position=(0.0, 0.22, 0.3)
+    )
+    world = World(
+        WorldConfig(
+            time_step=h, reference_step=np.arccos(1 - ball.stiffness / 2) / (2 * np.pi * hertz),
+            bodies=(ball,), obstacles=(ObstacleConfig(name='ground'), wall, *fingers),
+        )
+    )  # fmt: skip
+    x, y, z, fastest = 0.06, 0.0, 0.2, 0.0
+    # squeezed, then pressed on the ground, then dragged to the wall
+    for ticks, closing, along, up in ((12, 0.05, 0, 0), (12, 0, 0, -0.8), (12, 0, 0.6, 0)):
+        for _ in range(ticks):
+            for name, sign in (('left', -1), ('right', 1)):
+                world.move_obstacle(name, (sign * x, y, z), linear=(-sign * closing, along, up))
+            world.step()
+            x, y, z = x - h * closing, y + h * along, z + h * up
+            fastest = max(fastest, np.abs(world.velocities(ball.name)).max())
+    assert fastest < 12.0  # that is 15 times as fast as the fingers; it was 1e16, or not finite
+    assert np.abs(centre(world) - (0.0, y, z)).max() < 0.05

@@ -49,6 +49,8 @@ BODY = np.dtype(
         ('deformation', np.float64, (2,)),
         ('volume_conservation', np.float64, (2,)),
         ('look_ahead', np.float64, (3,)),  # to the match, in the states of `responses`, s
+        # share of the velocity of deformation at the end of a tick that begins the next one
+        ('lasting', np.float64),
         ('kept_velocity', np.float64),
         ('yield_strain', np.float64),
         ('creep', np.float64),

@@ -26,7 +26,9 @@ import numpy as np
 
 from softbody_ros.core.body import QUADRATIC_FEATURES, RIGID
 from softbody_ros.core.compiled import helper
+from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.problem import width_of
+from softbody_ros.core.contact.rows import in_world, side_of
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
     ZERO,
@@ -93,6 +95,7 @@ MEMBER = np.dtype(
         # or of residuals less that of change of volume
         ('response', np.float64, (4,)),
         ('mobility', np.float64),  # ρ of residuals
+        ('lasting', np.float64),  # share of the velocity of deformation that is left after a tick
         # changes of velocity per displacement, times h / 2: of the last three, and of residuals
         ('rate', np.float64, (4,)),
         # moments with the whitened features, see `modal_flight`
@@ -171,6 +174,7 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
     put_vector(member['residual_shift'], ZERO)
     put_vector(member['residual_velocity'], ZERO)
     put_response(member, body, h)
+    member['lasting'] = body['lasting']
     if member['features'] > 0:
         whiten(body, shape, body['shape_moment'], member['shape'])
         whiten(body, shape, body['volume_moment'], member['volume'])
@@ -396,6 +400,10 @@ def start_velocities(members: np.ndarray, particles: np.ndarray, y: np.ndarray, 
         particle = particles[k]
         member = members[particle['member']]
         velocity = scaled(2.0 / h * member['rate'][3], vector_of(particle['shift']))
+        if member['lasting'] < 1.0:
+            # what is lost before the next tick should not push the body
+            own = applied(matrix_of(member['rotation']), vector_of(particle['speed']))
+            velocity = along(scaled(member['lasting'], velocity), member['lasting'] - 1.0, own)
         put_vector(particle['velocity'], velocity)
         add_to_mean(member, 1, particle['weight'], velocity)
 
@@ -406,6 +414,42 @@ def add_to_mean(member: np.void, which: int, weight: float, change: Vector) -> N
     if not member['has_pins']:
         mean = member['residual_shift'] if which == 0 else member['residual_velocity']
         put_vector(mean, along(vector_of(mean), weight, change))
+
+
+@helper
+def begin_impulses(members: np.ndarray) -> None:
+    """Begin to add up the impulses of one stage."""
+    for number in range(len(members)):
+        put_vector(members[number]['impulse'][0], ZERO)
+        put_vector(members[number]['impulse'][1], ZERO)
+
+
+@helper
+def add_momenta(members: np.ndarray) -> None:
+    """Change velocities by the impulses of a stage."""
+    for number in range(len(members)):
+        member = members[number]
+        share = 1.0 / member['mass']
+        velocity, momentum = vector_of(member['velocity']), vector_of(member['angular_momentum'])
+        if not member['has_pins']:
+            put_vector(member['velocity'], along(velocity, share, vector_of(member['impulse'][0])))
+        momentum = along(momentum, share, vector_of(member['impulse'][1]))
+        put_vector(member['angular_momentum'], momentum)
+
+
+@helper
+def add_impulses(members: np.ndarray, rows: np.ndarray) -> None:
+    """Change momenta by the impulses at the end of the tick."""
+    begin_impulses(members)
+    for k in range(len(rows)):
+        row = rows[k]
+        point, impulse = vector_of(row['end_point']), in_world(row, row['force'])
+        for side in range(2):
+            index, sign = side_of(row, side)
+            if index >= 0:
+                centre = end_centre(members[index])
+                add_wrench_about(members[index]['impulse'], centre, sign, point, impulse, ZERO)
+    add_momenta(members)
 
 
 @helper
@@ -422,7 +466,7 @@ def add_velocities(
                 for axis in range(3):
                     member['fit_velocity'][k, axis] += change[k, axis]
     for k in range(len(particles)):
-        particle, velocity = particles[k], (shifts[0, k], shifts[1, k], shifts[2, k])
+        particle, velocity = particles[k], column_of(shifts, k)
         put_vector(particle['velocity'], plus(vector_of(particle['velocity']), velocity))
         add_to_mean(members[particle['member']], 1, particle['weight'], velocity)
 

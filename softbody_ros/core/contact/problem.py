@@ -334,6 +334,8 @@ def take_targets(problem: Problem, share: float) -> None:
 def radius_for(row: np.void, normal: float) -> float:
     """Return the radius of the friction disc for a normal force f."""
     total = row['base'][0] + normal
+    if row['rubs']:
+        return math.inf
     # no ∞ · 0: friction may be ∞ where nothing presses
     return row['friction'] * total if row['friction'] > 0.0 and total > 0.0 else 0.0
 

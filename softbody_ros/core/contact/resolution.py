@@ -31,12 +31,27 @@ from softbody_ros.core.collision.obstacle_contacts import (
 )
 from softbody_ros.core.collision.shapes import PLANE
 from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.energy import (
+    GAIN,
+    all_still,
+    any_impact,
+    any_inside,
+    energy_after,
+    keep_energy,
+    keep_motion,
+    kinetic_energy,
+    largest_energy,
+    rebound,
+)
 from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.members import (
     PARTICLE,
     RIGID_MODES,
+    add_impulses,
+    add_momenta,
     add_to_mean,
     add_velocities,
+    begin_impulses,
     change_map,
     combination,
     end_base,
@@ -59,7 +74,7 @@ from softbody_ros.core.contact.problem import (
 )
 from softbody_ros.core.contact.rows import (
     CONTACT_FREQUENCY,
-    RECOVERY,
+    LINEARISED,
     complete_row,
     copy_record,
     flown,
@@ -68,6 +83,7 @@ from softbody_ros.core.contact.rows import (
     put_obstacle_row,
     put_other_side,
     share_of,
+    side_of,
 )
 from softbody_ros.core.contact.solver import LARGEST_ISLAND, solve
 from softbody_ros.core.geometry.bvh import Trees
@@ -90,7 +106,6 @@ from softbody_ros.core.geometry.vectors import (
     put_matrix,
     put_vector,
     scaled,
-    transposed,
     vector_of,
 )
 from softbody_ros.core.lanes import LANES, put_vectors, vectors_at
@@ -109,10 +124,10 @@ LEVER = 2.0
 """Displacement of particles by contacts at others, relative to that at these, at most."""
 RELEASED = 1e-12
 """Force, relative to that of the positions, that is rounding: the contact has ended."""
-GAIN = 1e-10
-"""Relative gain of energy that is rounding."""
 ROUNDS = 4
 """Linearisations of the positions, at most."""
+LARGEST_TWIST = 0.01
+"""Rotation by moments that J does not contain, rad, at most."""
 SHIFTS, LARGEST_SHIFT, CORNER_SHIFT = 3, 1e-3, 0.05
 """Passes in which bodies are shifted out of obstacles in the end, and how far, in RMS radii: at
 most, and particles at another side than that of their contact."""
@@ -122,8 +137,6 @@ found after the flight."""
 SAME_SIDE, OTHER_SIDE = 0.5, 0.5
 """Cosine between normals of the same side of an obstacle; and ratio of the depths of a particle
 below the side of its contact and below the nearest one, up to which they differ."""
-LINEARISED = 5e-6
-"""Overlap, or error of gaps by linearisation, in RMS radii, that is tolerated."""
 TOLERANCE, SOFT_TOLERANCE, SINGLE_TOLERANCE = 1e-11, 1e-10, 1e-8
 """Of displacements, in RMS radii; of velocities the same over the tick. The second one of islands
 with deformable bodies, the third one of a deformable body alone: where there is no other, the
@@ -666,14 +679,6 @@ def receive(members: np.ndarray, row: np.void, h: float) -> None:
 
 
 @helper
-def side_of(row: np.void, side: int) -> tuple[int, float]:
-    """Return the member of one side of a contact, or −1, and the sign of the force on it."""
-    if side == 0:
-        return row['one'], 1.0
-    return row['two'], -1.0
-
-
-@helper
 def exchange(
     row: np.void,
     body: np.void,
@@ -1015,14 +1020,6 @@ def place_all(members: np.ndarray, particles: np.ndarray, problem: Problem) -> N
 
 
 @helper
-def begin_impulses(members: np.ndarray) -> None:
-    """Begin to add up the impulses of one stage."""
-    for number in range(len(members)):
-        put_vector(members[number]['impulse'][0], ZERO)
-        put_vector(members[number]['impulse'][1], ZERO)
-
-
-@helper
 def moved(row: np.void, side: int, member: np.void, particles: np.ndarray) -> Vector:
     """Return where the point of a contact is after the tick, as part of one side, m."""
     point = vector_of(row['point'])
@@ -1167,8 +1164,13 @@ def change_velocities(
     The moment is that of the midpoint of the path of the point of contact about that of the path
     of the centre without contacts: exact for a force constant over the tick, and equal on both
     sides, so that angular momentum is conserved.
+
+    J has the moments of the start shapes. The difference is small, but where obstacles squeeze a
+    body with much force, and displace its particles far within the tick: it would make the body
+    spin, which the contacts did not see. So between an obstacle and a body it is bounded.
     """
     begin_impulses(members)
+    twists = np.zeros((len(members), 3))
     for k in range(len(rows)):
         row = rows[k]
         impulse = scaled(2.0 / h, in_world(row, row['force']))
@@ -1179,25 +1181,24 @@ def change_velocities(
             if index >= 0:
                 member = members[index]
                 centre, velocity = vector_of(member['centre']), vector_of(member['velocity'])
-                centre = along(centre, -0.5 * h, velocity)
-                add_wrench_about(member['impulse'], centre, sign, middle, impulse, ZERO)
+                arm = minus(middle, along(centre, -0.5 * h, velocity))
+                if row['two'] < 0:
+                    expected = minus(vector_of(row['point']), centre)
+                    twist = cross(minus(arm, expected), impulse)
+                    put_vector(twists[index], plus(vector_of(twists[index]), twist))
+                    arm = expected
+                add_wrench_about(member['impulse'], ZERO, sign, arm, impulse, ZERO)
         for axis in range(3):
             row['positional'][axis] = row['force'][axis] * 2.0 / (h * h)
         put_vector(row['end_point'], end)
-    add_momenta(members)
-
-
-@helper
-def add_momenta(members: np.ndarray) -> None:
-    """Change velocities by the impulses of a stage."""
     for number in range(len(members)):
-        member = members[number]
-        share = 1.0 / member['mass']
-        velocity, momentum = vector_of(member['velocity']), vector_of(member['angular_momentum'])
-        if not member['has_pins']:
-            put_vector(member['velocity'], along(velocity, share, vector_of(member['impulse'][0])))
-        momentum = along(momentum, share, vector_of(member['impulse'][1]))
-        put_vector(member['angular_momentum'], momentum)
+        member, twist = members[number], vector_of(twists[number])
+        rate = applied(matrix_of(member['inverse_inertia']), twist)
+        angle = 0.5 * h * norm(rate) / member['mass']
+        share = min(LARGEST_TWIST / angle, 1.0) if angle > 0.0 else 1.0
+        total = member['impulse'][1]
+        put_vector(total, along(vector_of(total), share, twist))
+    add_momenta(members)
 
 
 @helper
@@ -1299,148 +1300,6 @@ def copy_jacobian(
             for axis in range(3):
                 for mode in range(width_of(counts[index]) + 1):
                     target[side, axis, mode] = source[side, axis, mode]
-
-
-@helper
-def all_still(members: np.ndarray, rows: np.ndarray) -> bool:
-    """Return whether nothing that moves by itself, and so can give energy, is touched."""
-    for member in members:
-        driven = vector_of(member['carried']) != ZERO or vector_of(member['velocity']) != ZERO
-        if member['has_pins'] and driven:
-            return False
-    for k in range(len(rows)):
-        if vector_of(rows[k]['other_velocity']) != ZERO:
-            return False
-    return True
-
-
-@helper
-def any_impact(rows: np.ndarray) -> bool:
-    """Return whether a contact rebounds."""
-    for k in range(len(rows)):
-        if rows[k]['elasticity'] * rows[k]['approach'] < 0.0:
-            return True
-    return False
-
-
-@helper
-def rebound(rows: np.ndarray, change: float) -> None:
-    """Add a multiple of the speeds of rebound to the problem."""
-    for k in range(len(rows)):
-        rows[k]['bias'][0] += change * rows[k]['elasticity'] * rows[k]['approach']
-
-
-@helper
-def kinetic_energy(members: np.ndarray) -> float:
-    """Return the kinetic energy of bodies, J."""
-    total = 0.0
-    for number in range(len(members)):
-        member = members[number]
-        velocity, momentum = vector_of(member['velocity']), vector_of(member['angular_momentum'])
-        local = applied(transposed(matrix_of(member['rotation'])), momentum)
-        turning = dot(local, applied(matrix_of(member['inverse_inertia']), local))
-        total += 0.5 * member['mass'] * (dot(velocity, velocity) + turning)
-    return total
-
-
-@helper
-def keep_motion(members: np.ndarray) -> None:
-    """Keep the momenta before the contacts."""
-    for number in range(len(members)):
-        member = members[number]
-        put_vector(member['momenta'][0], vector_of(member['velocity']))
-        put_vector(member['momenta'][1], vector_of(member['angular_momentum']))
-
-
-@helper
-def any_inside(members: np.ndarray, rows: np.ndarray) -> bool:
-    """Return whether something was inside something, where it was found or pressed."""
-    for k in range(len(rows)):
-        row = rows[k]
-        motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
-        before = row['gap'] - dot(vector_of(row['normal']), motion)
-        if row['tolerated'] > 0.0 or before < -LINEARISED * members[row['one']]['scale']:
-            return True
-    return False
-
-
-@helper
-def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float) -> float:
-    """
-    Return the energy, J, with which bodies can leave obstacles: at twice their speed faster.
-
-    What is found inside something leaves it with a speed of its own.
-    """
-    fastest = mass = 0.0
-    for k in range(len(rows)):
-        row = rows[k]
-        fastest = max(fastest, norm(vector_of(row['other_velocity'])))
-        if row['tolerated'] > 0.0:
-            fastest = max(fastest, 0.5 * RECOVERY * members[row['one']]['scale'])
-    for number in range(len(members)):
-        mass += members[number]['mass']
-    root = math.sqrt(energy) + math.sqrt(2.0 * mass) * fastest
-    return root * root
-
-
-@helper
-def keep_energy(members: np.ndarray, energy: float, most: float) -> float:
-    """
-    Take the share of all impulses after which there is not more energy, and return it.
-
-    Impulses that are no solution, since none was found in time, could gain some; and so could
-    those that get something out of the narrow, as a wedge does.
-    """
-    after = kinetic_energy(members)
-    middle = np.empty(len(members), members.dtype)
-    for number in range(len(members)):
-        copy_record(middle, number, members, number)
-        take_share(middle[number], 0.5)
-    # energy + a s + b s²
-    b = 2.0 * (after + energy - 2.0 * kinetic_energy(middle))
-    a = after - energy - b
-    root = math.sqrt(max(a * a + 4.0 * b * (most - energy), 0.0))
-    share = min(max(0.5 * (root - a) / b, 0.0), 1.0) if b > 0.0 else 0.0
-    for number in range(len(members)):
-        take_share(members[number], share)
-    return share
-
-
-@helper
-def take_share(member: np.void, share: float) -> None:
-    """Take back all but a share of the impulses on a body; its displacement stays."""
-    before, angular_before = vector_of(member['momenta'][0]), vector_of(member['momenta'][1])
-    after, angular = vector_of(member['velocity']), vector_of(member['angular_momentum'])
-    put_vector(member['velocity'], along(before, share, minus(after, before)))
-    angular = along(angular_before, share, minus(angular, angular_before))
-    # of the displacement with the velocity that is left, lest angular momentum changes
-    displaced = cross(vector_of(member['shift']), before)
-    put_vector(member['angular_momentum'], along(angular, share - 1.0, displaced))
-
-
-@helper
-def energy_after(members: np.ndarray, rows: np.ndarray) -> float:
-    """Return the kinetic energy with the impulses at the end of the tick, J."""
-    after = np.empty(len(members), members.dtype)
-    for number in range(len(members)):
-        copy_record(after, number, members, number)
-    add_impulses(after, rows)
-    return kinetic_energy(after)
-
-
-@helper
-def add_impulses(members: np.ndarray, rows: np.ndarray) -> None:
-    """Change velocities by the impulses at the end of the tick."""
-    begin_impulses(members)
-    for k in range(len(rows)):
-        row = rows[k]
-        point, impulse = vector_of(row['end_point']), in_world(row, row['force'])
-        for side in range(2):
-            index, sign = side_of(row, side)
-            if index >= 0:
-                centre = end_centre(members[index])
-                add_wrench_about(members[index]['impulse'], centre, sign, point, impulse, ZERO)
-    add_momenta(members)
 
 
 @helper

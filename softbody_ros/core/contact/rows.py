@@ -38,6 +38,8 @@ RECOVERY = 2.0
 """Speed, in RMS radii per second, at which what is found inside something gets out."""
 TOUCHING = 1e-9
 """Gap before the tick, in RMS radii, up to which a contact existed."""
+LINEARISED = 5e-6
+"""Overlap, or error of gaps by linearisation, in RMS radii, that is tolerated."""
 
 ROW = np.dtype(
     [
@@ -58,6 +60,7 @@ ROW = np.dtype(
         ('target', np.float64, (3,)),  # what f approaches
         ('best', np.float64, (3,)),  # of all that f has been, nearest to a solution
         ('radius', np.float64),  # of the friction disc
+        ('rubs', np.bool_),  # with viscous friction whether it presses or not
         ('disc_change', np.float64),  # its last change
         ('model_bias', np.float64, (3,)),  # if R is taken as diagonal
         ('model_compliance', np.float64, (2,)),
@@ -290,6 +293,14 @@ def flown(row: np.void) -> Vector:
 
 
 @helper
+def side_of(row: np.void, side: int) -> tuple[int, float]:
+    """Return the member of one side of a contact, or −1, and the sign of the force on it."""
+    if side == 0:
+        return row['one'], 1.0
+    return row['two'], -1.0
+
+
+@helper
 def share_of(row: np.void, side: int, corner: int) -> float:
     """Return the share of f on a particle of one side of a contact; 0 if it is none of it."""
     share = row['shares'][corner]
@@ -366,6 +377,7 @@ def put_friction(row: np.void, coulomb: bool, friction: float) -> None:
     """Write the law of friction: the coefficient, or the share that viscous friction removes."""
     row['friction'] = friction if coulomb else math.inf
     row['viscosity'] = -1.0 if coulomb else friction
+    row['rubs'] = False
 
 
 @helper

@@ -59,6 +59,8 @@ STUBBORN = 5
 """Updates after which sweeps follow in any case: where normal forces and friction depend on each
 other strongly, updates by themselves would alternate. Not where viscous friction changes with the
 contacts that act, which sweeps would not end."""
+SETTLED = 8
+"""Updates after which viscous friction is that of the contacts that press then."""
 PRECISION = 0.03
 """Displacement by the gradient, relative to the tolerance, at which Newton's method ends."""
 
@@ -134,8 +136,10 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
             best = residual
             keep(rows)
         take_discs(problem, residual > tolerance)
-        if is_viscous:
+        if is_viscous and update <= SETTLED:
             distribute_viscous_friction(problem)
+            if update == SETTLED:
+                settle_viscous_friction(rows)
         if residual <= tolerance or newton >= STEPS:
             break
     if residual > tolerance:
@@ -276,6 +280,22 @@ def distribute_viscous_friction(problem: Problem) -> bool:
 
 
 @helper
+def settle_viscous_friction(rows: np.ndarray) -> None:
+    """
+    Decide which contacts have viscous friction: those that press now.
+
+    Each time that one begins or ceases to press, all of its friction would begin or cease at
+    once, and so there may be no solution.
+    """
+    for k in range(len(rows)):
+        row = rows[k]
+        if row['viscosity'] > 0.0:
+            row['rubs'] = acts(row)
+            if not row['rubs']:
+                row['friction'] = 0.0
+
+
+@helper
 def is_same_patch(one: np.void, two: np.void) -> bool:
     """Return whether contacts are between the same sides."""
     return (
@@ -309,6 +329,7 @@ def distribute_over(problem: Problem, start: int, end: int) -> None:
     one, two = squared_tangents(problem, rows[start]['two'], one, two)
     for k in range(start, end):
         row, phi = rows[k], rows[k]['viscosity']
+        row['rubs'] = False
         own = row['diagonal'][1] - row['compliance'][1]
         row['friction'], row['compliance'][1] = 0.0, row['compliance'][0]
         if phi > 0.0:

@@ -163,6 +163,7 @@ def put_gains(
     record['pins_angular'] = body.pins_velocity_angular
     record['responses'], record['stiffnesses'], record['volume_share'] = 0.0, 0.0, 0.0
     record['relaxation'] = record['look_ahead'] = 0.0
+    record['lasting'] = 1.0
     record['deformation'] = record['volume_conservation'] = 0.0
     if record['follows_goals']:
         _put_goal_gains(record, body, step, reference_step)
@@ -222,8 +223,9 @@ def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_st
     A deformation of which goals follow the share f turns by φ' with cos φ' = f + (1 − f) cos φ in
     a tick, φ = ω h, undamped; f = β of the whole body is replaced such that its frequency is the
     same at any step, and, for the velocity of goals, its damping ratio ζ. `responses` have, in
-    place of Γ₃, the share of the velocity relative to the goals that damping leaves. `stiffnesses`
-    are those at the reference step.
+    place of Γ₃, the share of the velocity relative to the goals that damping leaves; `lasting` is
+    that of the damping of what turns by more than a right angle. `stiffnesses` are those at the
+    reference step.
     """
     alpha, beta = body.stiffness, body.deformation
     omega = natural_frequency(alpha, reference_step)
@@ -242,6 +244,7 @@ def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_st
                 record['volume_conservation'][place] = 1.0 - kept
     # what turns by more than a right angle in a tick cannot swing with its goal
     least = LEAST_RESIDUAL_DAMPING * min(max(2.0 * phase / math.pi - 1.0, 0.0), 1.0)
+    record['lasting'] = math.exp(-2.0 * least * phase)
     ratios = (_damping(body, 1.0), 1.0, _damping(body))
     for state, zeta in zip((REGULAR, DEGENERATE, TOUCHING), ratios, strict=True):
         zeta = max(zeta, least)

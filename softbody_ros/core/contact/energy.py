@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What kinetic energy contacts give to rigid bodies, and its bounds.
+
+Contacts give none but by the motion of what is touched. Three things could: simultaneous rebounds
+with friction, wedges that push out what is inside them, and forces that are no solution, since
+none was found in time. Then the energy is bounded by a share of the rebounds, or of all impulses,
+in which it is quadratic.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softbody_ros.core.compiled import helper
+from softbody_ros.core.contact.members import add_impulses
+from softbody_ros.core.contact.rows import LINEARISED, RECOVERY, copy_record
+from softbody_ros.core.geometry.vectors import (
+    ZERO,
+    along,
+    applied,
+    cross,
+    dot,
+    matrix_of,
+    minus,
+    norm,
+    put_vector,
+    transposed,
+    vector_of,
+)
+
+GAIN = 1e-10
+"""Relative gain of energy that is rounding."""
+
+
+@helper
+def kinetic_energy(members: np.ndarray) -> float:
+    """Return the kinetic energy of bodies, J."""
+    total = 0.0
+    for number in range(len(members)):
+        member = members[number]
+        velocity, momentum = vector_of(member['velocity']), vector_of(member['angular_momentum'])
+        local = applied(transposed(matrix_of(member['rotation'])), momentum)
+        turning = dot(local, applied(matrix_of(member['inverse_inertia']), local))
+        total += 0.5 * member['mass'] * (dot(velocity, velocity) + turning)
+    return total
+
+
+@helper
+def energy_after(members: np.ndarray, rows: np.ndarray) -> float:
+    """Return the kinetic energy with the impulses at the end of the tick, J."""
+    after = np.empty(len(members), members.dtype)
+    for number in range(len(members)):
+        copy_record(after, number, members, number)
+    add_impulses(after, rows)
+    return kinetic_energy(after)
+
+
+@helper
+def all_still(members: np.ndarray, rows: np.ndarray) -> bool:
+    """Return whether nothing that moves by itself, and so can give energy, is touched."""
+    for member in members:
+        driven = vector_of(member['carried']) != ZERO or vector_of(member['velocity']) != ZERO
+        if member['has_pins'] and driven:
+            return False
+    for k in range(len(rows)):
+        if vector_of(rows[k]['other_velocity']) != ZERO:
+            return False
+    return True
+
+
+@helper
+def any_impact(rows: np.ndarray) -> bool:
+    """Return whether a contact rebounds."""
+    for k in range(len(rows)):
+        if rows[k]['elasticity'] * rows[k]['approach'] < 0.0:
+            return True
+    return False
+
+
+@helper
+def rebound(rows: np.ndarray, change: float) -> None:
+    """Add a multiple of the speeds of rebound to the problem."""
+    for k in range(len(rows)):
+        rows[k]['bias'][0] += change * rows[k]['elasticity'] * rows[k]['approach']
+
+
+@helper
+def keep_motion(members: np.ndarray) -> None:
+    """Keep the momenta before the contacts."""
+    for number in range(len(members)):
+        member = members[number]
+        put_vector(member['momenta'][0], vector_of(member['velocity']))
+        put_vector(member['momenta'][1], vector_of(member['angular_momentum']))
+
+
+@helper
+def any_inside(members: np.ndarray, rows: np.ndarray) -> bool:
+    """Return whether something was inside something, where it was found or pressed."""
+    for k in range(len(rows)):
+        row = rows[k]
+        motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
+        before = row['gap'] - dot(vector_of(row['normal']), motion)
+        if row['tolerated'] > 0.0 or before < -LINEARISED * members[row['one']]['scale']:
+            return True
+    return False
+
+
+@helper
+def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float) -> float:
+    """
+    Return the energy, J, with which bodies can leave obstacles: at twice their speed faster.
+
+    What is found inside something leaves it with a speed of its own.
+    """
+    fastest = mass = 0.0
+    for k in range(len(rows)):
+        row = rows[k]
+        fastest = max(fastest, norm(vector_of(row['other_velocity'])))
+        if row['tolerated'] > 0.0:
+            fastest = max(fastest, 0.5 * RECOVERY * members[row['one']]['scale'])
+    for number in range(len(members)):
+        mass += members[number]['mass']
+    root = math.sqrt(energy) + math.sqrt(2.0 * mass) * fastest
+    return root * root
+
+
+@helper
+def keep_energy(members: np.ndarray, energy: float, most: float) -> float:
+    """
+    Take the share of all impulses after which there is not more energy, and return it.
+
+    Impulses that are no solution, since none was found in time, could gain some; and so could
+    those that get something out of the narrow, as a wedge does.
+    """
+    after = kinetic_energy(members)
+    middle = np.empty(len(members), members.dtype)
+    for number in range(len(members)):
+        copy_record(middle, number, members, number)
+        take_share(middle[number], 0.5)
+    # energy + a s + b s²
+    b = 2.0 * (after + energy - 2.0 * kinetic_energy(middle))
+    a = after - energy - b
+    root = math.sqrt(max(a * a + 4.0 * b * (most - energy), 0.0))
+    share = min(max(0.5 * (root - a) / b, 0.0), 1.0) if b > 0.0 else 0.0
+    for number in range(len(members)):
+        take_share(members[number], share)
+    return share
+
+
+@helper
+def take_share(member: np.void, share: float) -> None:
+    """Take back all but a share of the impulses on a body; its displacement stays."""
+    before, angular_before = vector_of(member['momenta'][0]), vector_of(member['momenta'][1])
+    after, angular = vector_of(member['velocity']), vector_of(member['angular_momentum'])
+    put_vector(member['velocity'], along(before, share, minus(after, before)))
+    angular = along(angular_before, share, minus(angular, angular_before))
+    # of the displacement with the velocity that is left, lest angular momentum changes
+    displaced = cross(vector_of(member['shift']), before)
+    put_vector(member['angular_momentum'], along(angular, share - 1.0, displaced))
