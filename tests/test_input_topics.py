@@ -406,33 +406,6 @@ def test_nothing_that_is_sent_ends_the_node(graph):
     assert not said(log, 'a callback failed')
 
 
-# ---------------------------------------------------------------------------------------- contacts
-def test_contacts_of_each_body_and_one_zero_when_they_end(graph):
-    node = graph.sim_node(
-        bodies=['one', 'two'], one__subdivisions=1, two__subdivisions=1, two__mass=3.0,
-        one__position=[0.0, 0.0, 0.5], two__position=[5.0, 0.0, 1.5], frame_id='map',
-    )  # fmt: skip
-    total = graph.collect(WrenchStamped, f'{SIM}/contacts')
-    one = graph.collect(WrenchStamped, f'{SIM}/contacts/one')
-    two = graph.collect(WrenchStamped, f'{SIM}/contacts/two')
-    graph.spin_until(lambda: len(total) > 3 and len(one) > 3)
-    assert not two  # it still falls
-
-    def settled() -> bool:
-        forces = sorted(item.wrench.force.z for item in total[-4:])
-        return bool(two) and forces == pytest.approx([9.81, 9.81, 29.43, 29.43], rel=0.02)
-
-    graph.spin_until(settled)
-    assert {item.header.frame_id for item in one + two + total} == {'map'}
-    assert not [item for item in one if item.wrench.force.z == 0.0]
-
-    graph.set_parameter(SIM, 'gravity.direction', [0.0, 0.0, 1.0])
-    graph.spin_until(lambda: one[-1].wrench.force.z == 0.0 and two[-1].wrench.force.z == 0.0)
-    counts, tick = (len(one), len(two)), node._world.tick
-    graph.spin_until(lambda: node._world.tick > tick + 60)
-    assert (len(one), len(two)) == counts
-
-
 # ------------------------------------------------------------------------------------------- clock
 class Ticker:
     """Publishes /clock and waits until the world is there."""

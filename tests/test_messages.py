@@ -54,17 +54,20 @@ def test_marker_takes_any_layout_of_corners():
 @pytest.mark.parametrize('frame_id', NAMES)
 def test_cloud_equals_the_object_path(frame_id):
     rng = np.random.default_rng(0)
-    bodies = [(rng.normal(size=(n, 3)), rng.random(n)) for n in (5, 3)]
+    bodies = [(rng.normal(size=(n, 3)), *rng.random((2, n))) for n in (5, 3)]
     records = messages.points_array(bodies)
     data = messages.serialized_cloud(STAMP, frame_id, records)
 
-    expected = PointCloud2(height=1, width=8, point_step=20, row_step=160, is_dense=True)
+    expected = PointCloud2(height=1, width=8, point_step=24, row_step=192, is_dense=True)
     expected.header.frame_id = frame_id
     expected.header.stamp = messages.time_message(STAMP)
     for offset, name in enumerate(['x', 'y', 'z', 'displacement']):
         field = PointField(name=name, offset=4 * offset, datatype=PointField.FLOAT32, count=1)
         expected.fields.append(field)
-    expected.fields.append(PointField(name='body', offset=16, datatype=PointField.UINT32, count=1))
+    expected.fields += [
+        PointField(name='body', offset=16, datatype=PointField.UINT32, count=1),
+        PointField(name='pressure', offset=20, datatype=PointField.FLOAT32, count=1),
+    ]
     expected.data.frombytes(records.tobytes())
     assert deserialize_message(data, PointCloud2) == expected
     assert len(data) == len(serialize_message(expected))
@@ -72,6 +75,7 @@ def test_cloud_equals_the_object_path(frame_id):
     np.testing.assert_array_equal(records['body'], [0] * 5 + [1] * 3)
     np.testing.assert_array_equal(records['y'][5:], bodies[1][0][:, 1].astype(np.float32))
     np.testing.assert_array_equal(records['displacement'][:5], bodies[0][1].astype(np.float32))
+    np.testing.assert_array_equal(records['pressure'][5:], bodies[1][2].astype(np.float32))
 
 
 @pytest.mark.parametrize(('vertex_count', 'face_count'), [(4, 4), (5, 3), (3, 0)])

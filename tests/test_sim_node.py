@@ -74,7 +74,8 @@ def test_points_have_every_particle_and_fall(graph):
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
     graph.spin_until(lambda: len(clouds) > 20)
     cloud = clouds[0]
-    assert [field.name for field in cloud.fields] == ['x', 'y', 'z', 'displacement', 'body']
+    names = [field.name for field in cloud.fields]
+    assert names == ['x', 'y', 'z', 'displacement', 'body', 'pressure']
     assert (cloud.header.frame_id, cloud.height, cloud.width) == ('world', 1, 42)
     assert cloud.is_dense and not cloud.is_bigendian
     heights = [records(cloud)['z'].mean() for cloud in clouds]
@@ -207,7 +208,7 @@ def test_reset_is_bit_identical_to_a_fresh_start(graph):
     fresh = World(sim._scene.world)
     fresh.step(200)
     fit = fresh.rigid_fit('ball')
-    expected = points_array([(fresh.positions('ball'), fit.displacement)])
+    expected = points_array([(fresh.positions('ball'), fit.displacement, fresh.pressure('ball'))])
     assert bytes(clouds[-1].data) == expected.tobytes()
 
 

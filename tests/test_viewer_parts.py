@@ -32,14 +32,17 @@ def surface(vertices=BALL.vertices, faces=BALL.faces):
 # ----------------------------------------------------------------------------------------- frames
 def test_a_frame_is_what_was_packed():
     random = np.random.default_rng(0)
-    bodies = [(random.normal(size=(n, 3)), random.uniform(size=n)) for n in (5, 7)]
+    bodies = [(random.normal(size=(n, 3)), *random.uniform(size=(2, n))) for n in (5, 7)]
     frame = decoding.frame(cloud(*bodies, frame_id='map'))
     assert frame.frame_id == 'map'
     np.testing.assert_array_equal(
-        frame.positions, np.concatenate([x for x, _ in bodies]).astype(np.float32)
+        frame.positions, np.concatenate([x for x, _, _ in bodies]).astype(np.float32)
     )
     np.testing.assert_array_equal(
-        frame.displacement, np.concatenate([d for _, d in bodies]).astype(np.float32)
+        frame.displacement, np.concatenate([d for _, d, _ in bodies]).astype(np.float32)
+    )
+    np.testing.assert_array_equal(
+        frame.pressure, np.concatenate([p for _, _, p in bodies]).astype(np.float32)
     )
     assert frame.body.tolist() == [0] * 5 + [1] * 7
 
@@ -60,24 +63,25 @@ def test_a_frame_has_any_layout():
     frame = decoding.frame(message)
     assert frame.body.tolist() == [0, 1, 2, 3, 4, 5]
     assert frame.positions[1].tolist() == [11.0, 10.0, 9.0]
+    assert frame.pressure.tolist() == [0.0] * 6  # one of release 0.1.0
 
 
 def test_clouds_of_others_are_refused():
-    bodies = (np.zeros((2, 3)), np.zeros(2))
+    bodies = (np.zeros((2, 3)), np.zeros(2), np.zeros(2))
     message = cloud(bodies)
     message.fields = message.fields[:3]
     with pytest.raises(decoding.FrameError, match='it lacks displacement, body'):
         decoding.frame(message)
-    message = cloud(*[(np.zeros((1, 3)), np.zeros(1))] * 2)
+    message = cloud(*[(np.zeros((1, 3)), np.zeros(1), np.zeros(1))] * 2)
     message.width = 1
-    message.data = message.data[20:]
+    message.data = message.data[24:]
     with pytest.raises(decoding.FrameError, match='1 points, but one of body 1'):
         decoding.frame(message)
     message = cloud(bodies)
     message.width = 3
-    with pytest.raises(decoding.FrameError, match='cut off: 40 bytes for 3 points'):
+    with pytest.raises(decoding.FrameError, match='cut off: 48 bytes for 3 points'):
         decoding.frame(message)
-    for step in (0, 16, 2**31):
+    for step in (0, 20, 2**31):
         message.point_step = step
         with pytest.raises(
             decoding.FrameError, match=f'no room for its fields: point_step {step}'

@@ -914,6 +914,16 @@ class World:
         impulses = self._state.normal_impulses(self._index_of(name))
         return np.asarray(impulses / self.config.time_step)
 
+    def pressure(self, name: str) -> np.ndarray:
+        """
+        Return (n,) float: the pressure at each particle in the last tick, Pa.
+
+        That is `normal_forces` by the area at rest that belongs to the particle, a third of its
+        triangles; 0 without area.
+        """
+        forces, areas = self.normal_forces(name), self.rest_shape(name).areas
+        return np.divide(forces, areas, out=np.zeros(len(forces)), where=areas > 0.0)
+
     @property
     def obstacle_keys(self) -> tuple[ObstacleKey, ...]:
         """Keys of the `obstacles`, and None for all point obstacles together."""

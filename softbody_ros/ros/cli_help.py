@@ -39,6 +39,7 @@ topics that it publishes (~ is {node}):
   ~/obstacle_markers  MarkerArray      latched: what is in the way
   ~/odometry          Odometry         pose and twist of each body
   ~/contacts          WrenchStamped    what bodies feel; of one body: ~/contacts/ball
+  ~/obstacle_contacts WrenchStamped    what obstacles feel; of one: ~/obstacle_contacts/ground
   /diagnostics        DiagnosticArray  once a second: speed, frequencies, state
 topics that act on it: ~/obstacles, ~/obstacle_points, ~/wrench, ~/poke, ~/gravity
 services: ~/reset, ~/apply_initial_velocity, ~/pause, ~/step

@@ -35,6 +35,7 @@ POINT_FIELDS = (
     ('z', PointField.FLOAT32),
     ('displacement', PointField.FLOAT32),
     ('body', PointField.UINT32),
+    ('pressure', PointField.FLOAT32),
 )
 POINT_TYPE = np.dtype([(name, '<f4' if kind == PointField.FLOAT32 else '<u4')
                        for name, kind in POINT_FIELDS])  # fmt: skip
@@ -67,22 +68,22 @@ def _raw(array: np.ndarray) -> memoryview:
     return array.reshape(-1).view(np.uint8).data
 
 
-def points_array(bodies: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+def points_array(bodies: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
     """
     Return the particles of all bodies, in order, as records of `POINT_TYPE`.
 
     Parameters
     ----------
-    bodies : sequence of ((n, 3) float, (n,) float)
-        positions and displacements, m
+    bodies : sequence of ((n, 3) float, (n,) float, (n,) float)
+        positions and displacements, m, and pressures, Pa
 
     """
-    records = np.empty(sum(len(positions) for positions, _ in bodies), POINT_TYPE)
+    records = np.empty(sum(len(positions) for positions, _, _ in bodies), POINT_TYPE)
     start = 0
-    for index, (positions, displacement) in enumerate(bodies):
+    for index, (positions, displacement, pressure) in enumerate(bodies):
         rows = records[start : start + len(positions)]
         rows['x'], rows['y'], rows['z'] = positions.T
-        rows['displacement'], rows['body'] = displacement, index
+        rows['displacement'], rows['body'], rows['pressure'] = displacement, index, pressure
         start += len(positions)
     return records
 

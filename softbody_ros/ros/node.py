@@ -14,7 +14,6 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -39,6 +38,7 @@ from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError,
 from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
 from softbody_ros.core.warm_up import compile_ahead
 from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
+from softbody_ros.ros.contact_topics import ContactTopics
 from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
 from softbody_ros.ros.simulation_interfaces import Simulation
 from softbody_ros.ros.spinning import spin
@@ -157,11 +157,7 @@ class SimNode(Node):
         # one message per body and frame: a shallower queue would drop parts of a frame
         self._mesh = publisher(Marker, '~/mesh', max(10, 2 * bodies))
         self._odometry = publisher(Odometry, '~/odometry', max(10, 2 * bodies))
-        self._contacts = publisher(WrenchStamped, '~/contacts', max(10, 2 * bodies))
-        self._contacts_of = {
-            name: publisher(WrenchStamped, f'~/contacts/{name}', 10) for name in self._world.names
-        }
-        self._in_contact: set[str] = set()
+        self._contacts = ContactTopics(self._world, publisher)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
 
@@ -338,7 +334,7 @@ class SimNode(Node):
             for name in self._world.names:
                 self._odometry.publish(messages.odometry(stamp, self._frame_id, name, fit(name)))
         if 'points' in outputs:
-            self._publish_contacts(stamp)
+            self._contacts.publish(stamp, self._frame_id)
         if 'mesh' in outputs and self._mesh.get_subscription_count():
             self._publish_mesh(stamp, positions)
         if 'mesh' in outputs:
@@ -351,28 +347,13 @@ class SimNode(Node):
         positions: Callable[[str], np.ndarray],
         fit: Callable[[str], RigidFit],
     ) -> None:
-        bodies = [(positions(name), fit(name).displacement) for name in self._world.names]
-        records = messages.points_array(bodies)
+        records = messages.points_array(
+            [
+                (positions(name), fit(name).displacement, self._world.pressure(name))
+                for name in self._world.names
+            ]
+        )
         self._points.publish(messages.serialized_cloud(stamp, self._frame_id, records))
-
-    def _publish_contacts(self, stamp: int) -> None:
-        """Publish the contact wrench of each body in contact, and one zero after it has ended."""
-        for_all = [self._contacts] if self._contacts.get_subscription_count() else []
-        for name, own in self._contacts_of.items():
-            publishers = for_all + ([own] if own.get_subscription_count() else [])
-            if not publishers:
-                self._in_contact.discard(name)
-                continue
-            force, torque = self._world.contact_wrench(name)
-            was_in_contact, is_in_contact = (
-                name in self._in_contact,
-                bool(force.any() or torque.any()),
-            )
-            (self._in_contact.add if is_in_contact else self._in_contact.discard)(name)
-            if was_in_contact or is_in_contact:
-                message = messages.wrench(stamp, self._frame_id, force, torque)
-                for publisher in publishers:
-                    publisher.publish(message)
 
     def _publish_mesh(self, stamp: int, positions: Callable[[str], np.ndarray]) -> None:
         for name in self._world.names:

@@ -32,7 +32,7 @@ from visualization_msgs.msg import MarkerArray
 from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Frame, FrameError, Surface
-from softbody_ros.viewer.panel import Panel
+from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, UNITS, Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
 from softbody_ros.viewer.view3d import View3D
@@ -43,7 +43,7 @@ SILENCE = 3.0
 IN_FLIGHT = 0.5
 """Seconds after the response to a pause in which older diagnostics may still arrive."""
 MEMORY = 5.0
-"""Seconds for which the legend holds the largest displacement."""
+"""Seconds for which the legend holds the largest value."""
 LEGEND_ENDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -81,6 +81,7 @@ class Viewer(Node):
         self._report: dict[str, str] = {}
         self._summary = ''
         self._peaks: list[tuple[float, float]] = []
+        self._colored_by = ''
         self._problem = ''
 
         def listen(kind: type, topic: str, use: Callable, qos: Any, raw: bool = False) -> None:
@@ -165,20 +166,29 @@ class Viewer(Node):
         if self._drawn != repr(colors):
             self._drawn = repr(colors)
             self._view.set_bodies(self._surface, frame.body, colors)
-        most = self._largest(frame) if self._panel.by_displacement else None
-        self._panel.legend(most)
-        self._view.show(frame, most)
+        coloring = self._panel.coloring
+        values = {BY_DISPLACEMENT: frame.displacement, BY_PRESSURE: frame.pressure}.get(coloring)
+        if values is None:
+            self._panel.legend(None)
+            self._view.show(frame, None, 0.0)
+        else:
+            most = self._largest(values, coloring)
+            self._panel.legend(most)
+            self._view.show(frame, values, most)
         self._shown += 1
 
-    def _largest(self, frame: Frame) -> float:
-        """Return the end of the legend, m: a round number above the recent displacements."""
-        largest = float(np.nan_to_num(frame.displacement, posinf=0.0).max(initial=0.0))
+    def _largest(self, values: np.ndarray, coloring: str) -> float:
+        """Return the end of the legend: a round number above the recent values."""
+        largest = float(np.nan_to_num(values, posinf=0.0).max(initial=0.0))
         now = time.monotonic()
+        if coloring != self._colored_by:
+            self._colored_by, self._peaks = coloring, []
         self._peaks = [
             peak for peak in self._peaks if now - peak[0] < MEMORY and peak[1] > largest
         ]
         self._peaks.append((now, largest))
-        return decoding.round_up(max(self._peaks[0][1], 1e-3), LEGEND_ENDS)
+        least, _ = UNITS[coloring][-1]
+        return decoding.round_up(max(self._peaks[0][1], least), LEGEND_ENDS)
 
     def _tell(self) -> None:
         """Update the status text with the last second."""

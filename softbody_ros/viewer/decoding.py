@@ -36,17 +36,20 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True)
 class Frame:
-    """All particles at one time: positions (n, 3), displacement (n,), body (n,)."""
+    """All particles at one time: positions (n, 3), displacement, pressure and body (n,)."""
 
     frame_id: str
     positions: np.ndarray
     displacement: np.ndarray
+    pressure: np.ndarray
     body: np.ndarray
 
 
 def frame(cloud: Any) -> Frame:
     """
     Decode a sensor_msgs/PointCloud2 of `~/points`.
+
+    Recordings of release 0.1.0 have no pressure: there it is 0.
 
     Raises
     ------
@@ -60,6 +63,8 @@ def frame(cloud: Any) -> Frame:
         for item in cloud.fields
         if item.datatype == kinds.get(item.name, PointField.FLOAT32)
     }
+    if 'pressure' not in offsets:
+        del kinds['pressure']
     missing = [name for name in kinds if name not in offsets]
     if missing:
         raise FrameError(f'the cloud is not one of ~/points: it lacks {", ".join(missing)}')
@@ -82,7 +87,10 @@ def frame(cloud: Any) -> Frame:
     if count and records['body'].max() >= count:
         raise FrameError(f'the cloud has {count} points, but one of body {records["body"].max()}')
     positions = np.stack([records['x'], records['y'], records['z']], axis=-1)
-    return Frame(cloud.header.frame_id, positions, records['displacement'], records['body'])
+    pressure = records['pressure'] if 'pressure' in kinds else np.zeros(count, np.float32)
+    return Frame(
+        cloud.header.frame_id, positions, records['displacement'], pressure, records['body']
+    )
 
 
 @dataclass(frozen=True)
@@ -193,9 +201,9 @@ def _heat_table() -> np.ndarray:
 _HEAT = _heat_table()
 
 
-def heat(displacement: np.ndarray, most: float) -> np.ndarray:
-    """Return the colours (n, 4), uint8, for glTF, of displacements (n,) on a scale to `most`."""
-    return _HEAT[np.clip(255.0 / most * displacement, 0.0, 255.0).astype(np.uint8)]
+def heat(values: np.ndarray, most: float) -> np.ndarray:
+    """Return the colours (n, 4), uint8, for glTF, of values (n,) on a scale from 0 to `most`."""
+    return _HEAT[np.clip(255.0 / most * values, 0.0, 255.0).astype(np.uint8)]
 
 
 def round_up(value: float, steps: tuple[float, ...] = (1.0, 2.0, 5.0)) -> float:

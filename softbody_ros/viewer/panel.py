@@ -17,7 +17,12 @@ from softbody_ros.viewer import widgets
 from softbody_ros.viewer.decoding import COLORS
 from softbody_ros.viewer.widgets import Field, Section
 
-BY_BODY, BY_DISPLACEMENT = 'body', 'displacement'
+BY_BODY, BY_DISPLACEMENT, BY_PRESSURE = 'body', 'displacement', 'pressure'
+UNITS = {
+    BY_DISPLACEMENT: ((1.0, 'm'), (1e-2, 'cm'), (1e-3, 'mm')),
+    BY_PRESSURE: ((1e6, 'MPa'), (1e3, 'kPa'), (1.0, 'Pa')),
+}
+"""Units of the legend."""
 SETTLED = 1.0
 """Seconds after its last change at which a slider counts as released."""
 LEGEND = """
@@ -70,8 +75,9 @@ class Panel:
             ),
         }
         self._coloring = gui.add_dropdown(
-            'colour by', (BY_BODY, BY_DISPLACEMENT), hint='displacement: the distance from the '
-            'rest shape, moved and turned to fit best',
+            'colour by', (BY_BODY, BY_DISPLACEMENT, BY_PRESSURE),
+            hint='displacement: the distance from the rest shape, moved and turned to fit best; '
+            'pressure: of what touches, like a tactile skin',
         )  # fmt: skip
         self._legend = gui.add_html('', visible=False)
         self._poking = gui.add_html(POKING, visible=False)
@@ -84,20 +90,21 @@ class Panel:
 
     # ------------------------------------------------------------------------------------- status
     @property
-    def by_displacement(self) -> bool:
-        """Whether colouring by displacement is selected."""
-        return self._coloring.value == BY_DISPLACEMENT
+    def coloring(self) -> str:
+        """By what to colour: BY_BODY, BY_DISPLACEMENT or BY_PRESSURE."""
+        return self._coloring.value
 
     def status(self, text: str) -> None:
         """Set the status text, in Markdown."""
         self._status.content = text
 
     def legend(self, most: float | None) -> None:
-        """Show the colour scale up to `most`, m, or hide it."""
+        """Show the colour scale up to `most`, in m or Pa, or hide it."""
         self._legend.visible = most is not None
         if most is not None:
             colors = ','.join('rgb({:.0f},{:.0f},{:.0f})'.format(*color) for color in COLORS)
-            self._legend.content = LEGEND.format(colors=colors, most=_length(most))
+            end = with_unit(most, UNITS[self.coloring])
+            self._legend.content = LEGEND.format(colors=colors, most=end)
 
     def paused(self, is_paused: bool) -> None:
         """Show whether the simulation is paused."""
@@ -243,10 +250,7 @@ class Panel:
         widget.precision = widgets.decimals(widget.step)
 
 
-def _length(metres: float) -> str:
-    """Return a length as text, with a suitable unit."""
-    factor, unit = next(
-        ((factor, unit) for factor, unit in ((1.0, 'm'), (1e2, 'cm')) if metres * factor >= 1.0),
-        (1e3, 'mm'),
-    )
-    return f'{metres * factor:g} {unit}'
+def with_unit(value: float, units: Sequence[tuple[float, str]]) -> str:
+    """Return a value as text in the first of the units, from large to small, that is not more."""
+    size, unit = next(((size, unit) for size, unit in units if value >= size), units[-1])
+    return f'{value / size:g} {unit}'

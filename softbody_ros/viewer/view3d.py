@@ -34,7 +34,7 @@ class View3D:
         self._surface: Surface | None = None
         self._parts: list[Part] = []
         self._meshes: list[Any] = []
-        self._displacement_mesh: Any = None
+        self._colored_mesh: Any = None
         self._file: ColoredFile | None = None
         self._obstacles: dict[tuple[str, int], tuple[Any, Any]] = {}
         self._added = 0
@@ -78,20 +78,20 @@ class View3D:
         self._clear_bodies()
 
     def _clear_bodies(self) -> None:
-        for mesh in [*self._meshes, self._displacement_mesh]:
+        for mesh in [*self._meshes, self._colored_mesh]:
             if mesh is not None:
                 mesh.remove()
-        self._meshes, self._displacement_mesh = [], None
+        self._meshes, self._colored_mesh = [], None
 
-    def show(self, frame: Frame, most: float | None) -> None:
-        """Draw the bodies, coloured by displacement up to `most`, m, or in their own colours."""
+    def show(self, frame: Frame, values: np.ndarray | None, most: float) -> None:
+        """Draw the bodies, coloured by values (n,) from 0 to `most`, or in their own colours."""
         if self._surface is None or not self._surface.fits(frame) or not self._surface.faces.size:
             return
         with self._server.atomic():
-            if most is None:
+            if values is None:
                 self._show_bodies(frame.positions)
             else:
-                self._show_displacement(frame, most)
+                self._show_colored(frame.positions, decoding.heat(values, most))
 
     def _show_bodies(self, positions: np.ndarray) -> None:
         if self._meshes:
@@ -111,20 +111,16 @@ class View3D:
             for index, part in enumerate(self._parts)
         ]
 
-    def _show_displacement(self, frame: Frame, most: float) -> None:
+    def _show_colored(self, positions: np.ndarray, colors: np.ndarray) -> None:
         assert self._surface is not None
         if self._file is None:
             self._file = ColoredFile(self._surface)
-        data = self._file.filled(
-            frame.positions,
-            self._surface.normals(frame.positions),
-            decoding.heat(frame.displacement, most),
-        )
-        if self._displacement_mesh is None:
+        data = self._file.filled(positions, self._surface.normals(positions), colors)
+        if self._colored_mesh is None:
             self._clear_bodies()
-            self._displacement_mesh = self._scene.add_glb('/bodies/displacement', data)
+            self._colored_mesh = self._scene.add_glb('/bodies/colored', data)
         else:
-            self._displacement_mesh.glb_data = data
+            self._colored_mesh.glb_data = data
 
     # ---------------------------------------------------------------------------------- obstacles
     def set_obstacles(self, markers: Iterable[Marker]) -> None:

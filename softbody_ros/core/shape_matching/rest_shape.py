@@ -67,6 +67,8 @@ class RestShape:
         centre of mass in the body's own frame, m
     scale : float
         RMS distance of the particles from the centre of mass (by area), m
+    areas : (n,) float
+        a third of the triangles at each vertex, m²
     weights : (n,) float
         share of the body's mass that each particle has; they sum to 1
     q : (3, n) float
@@ -94,6 +96,7 @@ class RestShape:
     surface: Surface
     centre: np.ndarray
     scale: float
+    areas: np.ndarray
     weights: np.ndarray
     q: np.ndarray
     feature_means: np.ndarray
@@ -172,7 +175,8 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         if all vertices coincide.
 
     """
-    area_weights = _area_weights(surface)
+    areas = _vertex_areas(surface)
+    area_weights = _shares_of(areas)
     spread = surface.vertices - weighted_mean(surface.vertices, area_weights)
     scale = float(np.sqrt((np.einsum('ij,ij->i', spread, spread) * area_weights).sum()))
     if not scale > 0.0:
@@ -196,6 +200,7 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         surface=surface,
         centre=centre,
         scale=scale,
+        areas=areas,
         weights=weights,
         q=q,
         feature_means=means,
@@ -240,16 +245,18 @@ def _products(q: np.ndarray) -> np.ndarray:
     return np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
 
 
-def _area_weights(surface: Surface) -> np.ndarray:
-    """Return the area share of each vertex, for results independent of the tessellation."""
-    count = len(surface.vertices)
-    if not len(surface.faces):
-        return np.full(count, 1 / count)
+def _vertex_areas(surface: Surface) -> np.ndarray:
+    """Return a third of the area of the triangles at each vertex, m²."""
     a, b, c = surface.vertices[surface.faces.T]
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    shares = np.bincount(surface.faces.ravel(), np.repeat(areas, 3), minlength=count)
-    total = shares.sum()
-    return shares / total if total > 0.0 else np.full(count, 1 / count)
+    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    count = len(surface.vertices)
+    return np.bincount(surface.faces.ravel(), np.repeat(doubled, 3), minlength=count) / 6.0
+
+
+def _shares_of(areas: np.ndarray) -> np.ndarray:
+    """Return the area share of each vertex, for results independent of the tessellation."""
+    total = areas.sum()
+    return areas / total if total > 0.0 else np.full(len(areas), 1 / len(areas))
 
 
 def _volume_form(surface: Surface, features: np.ndarray) -> np.ndarray:

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What others can read of contacts: wrenches on bodies and obstacles, and pressure."""
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import Marker, MarkerArray
+
+from softbody_ros.ros.messages import POINT_TYPE
+
+SIM = '/softbody_sim'
+G = 9.81
+
+
+def stamp_of(message):
+    """Return the time of a message, s."""
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def force_of(message):
+    """Return the force (3,), N."""
+    force = message.wrench.force
+    return np.array([force.x, force.y, force.z])
+
+
+def torque_of(message):
+    """Return the torque (3,), N m."""
+    torque = message.wrench.torque
+    return np.array([torque.x, torque.y, torque.z])
+
+
+def test_contacts_of_each_body_and_one_zero_when_they_end(graph):
+    node = graph.sim_node(
+        bodies=['one', 'two'], one__subdivisions=1, two__subdivisions=1, two__mass=3.0,
+        one__position=[0.0, 0.0, 0.5], two__position=[5.0, 0.0, 1.5], frame_id='map',
+    )  # fmt: skip
+    total = graph.collect(WrenchStamped, f'{SIM}/contacts')
+    one = graph.collect(WrenchStamped, f'{SIM}/contacts/one')
+    two = graph.collect(WrenchStamped, f'{SIM}/contacts/two')
+    graph.spin_until(lambda: len(total) > 3 and len(one) > 3)
+    assert not two  # it still falls
+
+    def settled() -> bool:
+        forces = sorted(item.wrench.force.z for item in total[-4:])
+        return bool(two) and forces == pytest.approx([9.81, 9.81, 29.43, 29.43], rel=0.02)
+
+    graph.spin_until(settled)
+    assert {item.header.frame_id for item in one + two + total} == {'map'}
+    assert not [item for item in one if item.wrench.force.z == 0.0]
+
+    graph.set_parameter(SIM, 'gravity.direction', [0.0, 0.0, 1.0])
+    graph.spin_until(lambda: one[-1].wrench.force.z == 0.0 and two[-1].wrench.force.z == 0.0)
+    counts, tick = (len(one), len(two)), node._world.tick
+    graph.spin_until(lambda: node._world.tick > tick + 60)
+    assert (len(one), len(two)) == counts
+
+
+def test_a_turned_obstacle_feels_in_its_own_axes_what_the_body_does(graph):
+    quaternion = [0.0, 0.0, 0.6, 0.8]
+    sim = graph.sim_node(
+        obstacles=['scale'], ball__subdivisions=1, scale__type='box', scale__size=[1.0, 1.0, 0.1],
+        scale__position=[0.3, 0.2, -0.1], scale__orientation=quaternion, ball__mass=2.0,
+        ball__position=[0.0, 0.0, 0.6],
+    )  # fmt: skip
+    turn = Rotation.from_quat(quaternion)
+    graph.spin_until(lambda: sim._world.is_asleep('ball'))
+    felt = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts/scale')
+    every = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts')
+    reaction = graph.collect(WrenchStamped, f'{SIM}/contacts/ball')
+    graph.spin_until(lambda: len(felt) > 5 and len(every) > 5 and len(reaction) > 5)
+    assert {message.header.frame_id for message in felt + every} == {'scale'}
+    force, torque = turn.apply(force_of(felt[-1])), turn.apply(torque_of(felt[-1]))
+    assert force == pytest.approx(-force_of(reaction[-1]), abs=1e-9 * G)
+    assert force == pytest.approx([0.0, 0.0, -2.0 * G], rel=1e-3, abs=1e-3)
+    # the weight acts at the centre of the ball, seen from the origin of the box
+    centre = sim._world.rigid_fit('ball').position
+    arm = centre - [0.3, 0.2, -0.1]
+    about_origin = np.cross(arm, force) - torque_of(reaction[-1])
+    assert torque == pytest.approx(about_origin, abs=1e-9)
+
+
+def test_nothing_of_an_impact_is_lost_between_messages(graph):
+    """The ball falls and comes to rest: the ground has given it all of g m t, at any rate."""
+    sim = graph.sim_node(ball__subdivisions=1, ball__mass=3.0, points_rate=7.0)
+    clouds = graph.collect(PointCloud2, f'{SIM}/points', 500)
+    body = graph.collect(WrenchStamped, f'{SIM}/contacts/ball', 500)
+    ground = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts/ground', 500)
+    graph.spin_until(lambda: sim._world.tick and clouds and sim._world.is_asleep('ball'))
+    graph.spin_until(lambda: body and ground and len(clouds) > 20)
+    counts = len(body), len(ground)
+    graph.spin_until(lambda: len(body) > counts[0] and len(ground) > counts[1])
+    start = sim._stepper.time_of(0) * 1e-9
+    outputs = [stamp_of(cloud) for cloud in clouds]
+    for messages, sign in ((body, 1.0), (ground, -1.0)):
+        impulse = 0.0
+        for message in messages:
+            end = stamp_of(message)
+            begin = max((stamp for stamp in outputs if stamp < end), default=start)
+            impulse += sign * force_of(message)[2] * (end - begin)
+        assert impulse == pytest.approx(3.0 * G * (stamp_of(messages[-1]) - start), rel=1e-4)
+
+
+def test_obstacles_and_points_of_others_are_felt_too(graph):
+    graph.sim_node(obstacles=[''], ball__subdivisions=1, ball__mass=2.0)
+    felt = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts')
+    sender = graph.node.create_publisher(MarkerArray, f'{SIM}/obstacles', 10)
+    graph.spin_until(sender.get_subscription_count)
+    table = Marker(ns='table', id=7, type=Marker.CUBE)
+    table.header.frame_id = 'world'
+    table.pose.orientation.w = 1.0
+    table.pose.position.z = -0.1
+    table.scale.x = table.scale.y = 4.0
+    table.scale.z = 0.2
+    sender.publish(MarkerArray(markers=[table]))
+    graph.spin_until(
+        lambda: felt and force_of(felt[-1]) == pytest.approx([0, 0, -2 * G], rel=1e-3, abs=1e-3)
+    )
+    assert felt[-1].header.frame_id == 'table/7'
+
+
+def test_points_have_the_pressure_of_what_touches(graph):
+    sim = graph.sim_node(ball__subdivisions=2, ball__mass=2.0)
+    clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    graph.spin_until(lambda: clouds)
+    assert not np.frombuffer(clouds[0].data, POINT_TYPE)['pressure'].any()
+    graph.spin_until(lambda: sim._world.is_asleep('ball'))
+    seen = len(clouds)
+    graph.spin_until(lambda: len(clouds) > seen + 1)
+    points = np.frombuffer(clouds[-1].data, POINT_TYPE)
+    areas = sim._world.rest_shape('ball').areas
+    assert (points['pressure'] * areas).sum() == pytest.approx(2.0 * G, rel=1e-3)
+    assert (points['z'][points['pressure'] > 0.0] < 0.01).all()
