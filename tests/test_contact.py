@@ -357,6 +357,97 @@ def test_a_rising_plane_lifts_a_body(mode):
     assert world.positions('body')[:, 2].min() >= 1.5 - 1e-12
 
 
+# -------------------------------------------------------------------------- surfaces of obstacles
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize(('width', 'subdivisions'), [(2.0, 1), (0.6, 0)])
+def test_a_belt_carries_a_body_along_and_stays(mode, width, subdivisions):
+    """Also one that is narrower than the body, which lies on its edge points only."""
+    quarter = Rotation.from_euler('z', np.pi / 2)
+    belt = ObstacleConfig(
+        name='belt', type='box', size=(1.5, width, 0.1), position=(0.0, 0.0, -0.1),
+        orientation=quarter.as_quat(), surface_velocity=(0.8, 0.0, 0.0),
+    )  # fmt: skip
+    box = body(
+        'box', mode=mode, subdivisions=subdivisions, size=0.75, position=(0.0, -0.6, 0.75),
+        stiffness=0.9, friction=0.8,
+    )  # fmt: skip
+    world = on_ground(box, belt)
+    world.step(180)
+    before = centre(world)
+    world.step(60)
+    assert centre(world) - before == pytest.approx([0.0, 0.2, 0.0], abs=0.004)
+    assert not world.is_asleep('body')
+    assert world.obstacles[0].position == pytest.approx([0.0, 0.0, -0.1], abs=0.0)
+
+
+def test_a_belt_does_not_push_where_its_end_is():
+    """The velocity is that along the surface: at the end of the belt there is none of it."""
+    belt = ObstacleConfig(
+        name='belt', type='box', size=(1.0, 1.0, 1.0), surface_velocity=(5.0, 0.0, 0.0)
+    )
+    world = World(
+        WorldConfig(
+            time_step=H, gravity_magnitude=0.0, obstacles=(belt,),
+            bodies=(body('box', mode='rigid', size=0.5, position=(1.49, 0.0, 0.0), friction=0.0,
+                         elasticity=0.0),),
+        )
+    )  # fmt: skip
+    world.step(120)
+    assert np.abs(world.velocities('body')).max() < 0.05  # it was 1 cm inside, no more
+
+
+def test_what_a_belt_gives_is_felt_by_it():
+    belt = ObstacleConfig(name='belt', type='plane', surface_velocity=(3.0, 0.0, 0.0))
+    world = on_ground(
+        body('box', mode='rigid', mass=2.0, position=(0, 0, 0.5), friction=0.25), belt
+    )
+    world.step(24)
+    force, _ = world.obstacle_wrench('belt')
+    assert force == pytest.approx([-0.25 * 2.0 * G, 0.0, -2.0 * G], rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize(
+    ('own', 'of_obstacle', 'both'), [(0.1, 0.4, 0.2), (0.1, -1.0, 0.1), (0.1, 0, 0)]
+)
+def test_friction_of_body_and_obstacle_have_a_geometric_mean(mode, own, of_obstacle, both):
+    sliding = body(
+        'box', mode=mode, position=(0.0, 0.0, 0.5), stiffness=0.9, friction=own,
+        initial_velocity_linear=(3.0, 0.0, 0.0),
+    )  # fmt: skip
+    world = on_ground(sliding, ObstacleConfig(friction=of_obstacle))
+    world.step(60)
+    before = world.rigid_fit('body').linear_velocity[0]
+    world.step(60)
+    loss = before - world.rigid_fit('body').linear_velocity[0]
+    assert loss == pytest.approx(both * G * 60 * H, rel=0.02, abs=1e-9)
+
+
+def test_viscous_friction_of_both_removes_no_more_than_all():
+    sliding = body(
+        'box', mode='rigid', position=(0.0, 0.0, 0.5), friction_model='viscous', friction=1.0,
+        initial_velocity_linear=(1.0, 0.0, 0.0),
+    )  # fmt: skip
+    worlds = [on_ground(sliding, ObstacleConfig(friction=friction)) for friction in (-1.0, 10.0)]
+    for world in worlds:
+        world.step(30)
+    assert bytes_of(worlds[0]) == bytes_of(worlds[1])
+
+
+@pytest.mark.parametrize(
+    ('own', 'of_obstacle', 'both'), [(0.8, 0.2, 0.4), (0.4, -1.0, 0.4), (1.0, 0, 0)]
+)
+def test_restitution_of_body_and_obstacle_have_a_geometric_mean(own, of_obstacle, both):
+    falling = body(mode='rigid', subdivisions=2, position=(0.0, 0.0, 1.5), elasticity=own)
+    world = on_ground(falling, ObstacleConfig(elasticity=of_obstacle))
+    world.step(110)
+    highest = 0.0
+    for _ in range(150):
+        world.step()
+        highest = max(highest, centre(world)[2] - 0.5)
+    assert highest == pytest.approx(both**2, rel=0.02, abs=0.001)
+
+
 def test_an_obstacle_turns_at_its_angular_velocity():
     spin = ObstacleConfig(type='box', velocity_angular=(0.0, 0.0, np.pi / 2))
     world = on_ground(body(position=(9.0, 0.0, 0.0)), spin)
@@ -571,4 +662,4 @@ def test_what_swings_more_than_once_in_a_tick_is_not_thrown(mode, hertz, regions
             x, y, z = x - h * closing, y + h * along, z + h * up
             fastest = max(fastest, np.abs(world.velocities(ball.name)).max())
     assert fastest < 12.0  # that is 15 times as fast as the fingers; it was 1e16, or not finite
-    assert np.abs(centre(world) - (0.0, y, z)).max() < 0.05
+    assert np.abs(centre(world) - (0.0, y, z)).max() < 0.1  # viscous friction slips

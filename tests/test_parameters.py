@@ -38,7 +38,8 @@ def test_table_has_what_the_design_lists():
     body += 'regions.count regions.overlap regions.whole_body_weight '
     body += 'plasticity.yield plasticity.creep plasticity.max '
     body += 'pins.indices pins.box pins.velocity.linear pins.velocity.angular'
-    obstacle = 'type mesh subdivisions position orientation size velocity.linear velocity.angular'
+    obstacle = 'type mesh subdivisions position orientation size velocity.linear velocity.angular '
+    obstacle += 'surface_velocity friction elasticity'
     expected = scene.split() + [f'ball.{name}' for name in body.split()]
     expected += [f'ground.{name}' for name in obstacle.split()]
     assert sorted(TABLE) == sorted(expected)

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from scene_files import scene_values
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
@@ -64,6 +65,20 @@ def test_the_subscriber_sees_the_ball_fall(graph, program):
 
     low = graph.spin_until(fallen, 'a ball in the air, then a deformed one')[0]
     assert -1e-3 < low < 0.1
+
+
+def test_the_hand_grips_by_what_its_fingers_feel(graph, program):
+    values = {name.replace('.', '__'): value for name, value in scene_values('gripper').items()}
+    sim = graph.sim_node(**values)
+    printed = program('grip')
+    line = re.compile(r'lifted to (\S+) m, with (\S+) N')
+    graph.spin_until(lambda: line.search(printed.read_text()), 'the ball is lifted')
+    height, force = map(float, line.search(printed.read_text()).groups())
+    assert height > 0.19 and 6.0 < force < 20.0
+    graph.spin_until(lambda: sim._world.is_asleep('ball'))
+    assert not sim._world.obstacle_wrench('ground')[0].any()
+    weight = 0.2 * sim._world.config.gravity_magnitude
+    assert sim._world.contact_wrench('ball')[0] == pytest.approx([0, 0, weight], abs=1e-3 * weight)
 
 
 def test_the_clock_drives_the_node(graph, program):

@@ -48,6 +48,15 @@ def test_whatever_tumbles_in_the_contact_scene_stays_in_its_tray():
     assert pushed > 1.0, 'the paddle has reached something'
 
 
+def test_belts_carry_everything_into_the_bin():
+    world = world_of('conveyor')
+    run_to(world, 12.0)
+    for name in world.names:
+        x, y, z = world.rigid_fit(name).position
+        assert (0.75 < x < 2.05) and (1.6 < y < 3.0) and z < 0.4, name
+    assert world.is_asleep('jelly') and world.is_asleep('brick')
+
+
 def test_sphere_is_an_egg_when_it_lands_and_a_sphere_when_it_lies():
     world = world_of('sphere')
     run_to(world, 0.55)

@@ -377,6 +377,19 @@ class ObstacleConfig(Checked):
         (0.0, 0.0, 0.0), 'about the origin, world axes',
         unit='rad/s', minimum=-1e4, maximum=1e4, group='velocity',
     )  # fmt: skip
+    surface_velocity: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0),
+        'of the surface along itself, as of a conveyor belt, in the axes of the obstacle, which '
+        'itself stays', unit='m/s', minimum=-1e4, maximum=1e4,
+    )  # fmt: skip
+    friction: float = setting(
+        -1.0, 'with that of a body, its friction is the geometric mean of both; negative: the '
+        "body's alone", minimum=-1.0, maximum=10.0,
+    )  # fmt: skip
+    elasticity: float = setting(
+        -1.0, 'with that of a rigid body, its restitution ε is the geometric mean of both; '
+        "negative: the body's alone", minimum=-1.0, maximum=1.0,
+    )  # fmt: skip
 
     def moved(self, **motion: Any) -> ObstacleConfig:
         """

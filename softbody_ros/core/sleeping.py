@@ -98,7 +98,7 @@ def update_sleep(
     find_supported(bodies, state.x, reach, records, trees, supported)
     supported &= ~driven
     island, is_disturbed = np.zeros(count, np.int64), np.zeros(count, dtype=bool)
-    if count > 1 or len(points) or any(obstacle.moves for obstacle in obstacles):
+    if count > 1 or len(points) or any(obstacle.drives for obstacle in obstacles):
         boxes = body_boxes(state)
         is_disturbed = disturbed(boxes, obstacles)
         supported |= points.touched(boxes[0] - fall, boxes[1] + fall)
@@ -156,10 +156,10 @@ def wake_touching(state: State, boxes: Boxes, obstacles: Sequence[Obstacle]) -> 
 
 
 def disturbed(boxes: Boxes, obstacles: Sequence[Obstacle]) -> np.ndarray:
-    """Return which boxes moving obstacles reach before the next sample, (B,) bool."""
+    """Return which boxes obstacles that drive them reach before the next sample, (B,) bool."""
     result = np.zeros(len(boxes[0]), dtype=bool)
     for obstacle in obstacles:
-        if obstacle.moves:
+        if obstacle.drives:
             speed = float(np.linalg.norm(obstacle.config.velocity_linear))
             result |= near_obstacle(boxes, obstacle, speed * SAMPLE_INTERVAL)
     return result

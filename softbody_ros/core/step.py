@@ -85,6 +85,12 @@ class Environment:
         for record, each in zip(sets, self.fixed_points, strict=True):
             record['obstacle'], record['centre'] = each.obstacle, each.centre
             record['linear'], record['angular'] = each.velocity, each.angular_velocity
+            record['friction'] = record['elasticity'] = -1.0
+            if each.is_edge:
+                obstacle = self.obstacles[each.obstacle]
+                config = obstacle.config
+                record['surface_velocity'] = obstacle.rotation @ config.surface_velocity
+                record['friction'], record['elasticity'] = config.friction, config.elasticity
         return sets
 
 

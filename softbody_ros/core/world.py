@@ -291,7 +291,7 @@ class World:
         if len(self._awake) == len(self._bodies):
             return
         present = self.obstacles
-        if len(self._awake) or any(obstacle.moves for obstacle in present):
+        if len(self._awake) or any(obstacle.drives for obstacle in present):
             sleeping.wake_touching(self._state, self._boxes(), present)
             self._find_awake()
 

@@ -52,7 +52,8 @@ parameters, most of which change while it runs ('ball' and 'ground' are names):
                        .volume_conservation, .damping, .mass: how it deforms
   ball.elasticity      how it bounces; .friction, .friction_model, .thickness: how it touches
   ball.regions         local bending; .plasticity: dents that stay; .pins: held vertices
-  ground.type          and .mesh, .size, .position, .orientation, .velocity of an obstacle
+  ground.type          and .mesh, .size, .position, .orientation, .velocity of an obstacle;
+                       .surface_velocity, .friction, .elasticity: of its surface
   gravity              .magnitude and .direction
   time_scale           slow motion; time_step, reference_step, step_count, history: time
   points_rate          and mesh_rate: how often it publishes; frame_id: in which frame

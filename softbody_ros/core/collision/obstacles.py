@@ -77,6 +77,9 @@ OBSTACLE = np.dtype(
         ('moves', np.bool_),  # whether it has a velocity
         ('linear', np.float64, (3,)),  # of its origin, m/s
         ('angular', np.float64, (3,)),  # rad/s
+        ('surface_velocity', np.float64, (3,)),  # of its surface, in its own axes, m/s
+        ('friction', np.float64),  # negative: that of the body
+        ('elasticity', np.float64),
     ],
     align=True,
 )
@@ -126,6 +129,11 @@ class Obstacle:
     def moves(self) -> bool:
         """Whether it has a velocity."""
         return any(self.config.velocity_linear) or any(self.config.velocity_angular)
+
+    @property
+    def drives(self) -> bool:
+        """Whether it moves, or its surface does: then what touches it does not fall asleep."""
+        return self.moves or any(self.config.surface_velocity)
 
     def surface_velocity(self, points: np.ndarray) -> np.ndarray:
         """Return its velocity (k, 3) at points (k, 3), m/s."""
@@ -260,7 +268,7 @@ class ObstacleTable:
             if before is None or before.shape is not obstacle.shape:
                 _put_shape(record, obstacle.shape)
             if before is None or before.config is not obstacle.config:
-                _put_velocity(record, obstacle)
+                _put_surface(record, obstacle)
             record['moved'] = obstacle.before is not None
             pose = (obstacle.position, obstacle.rotation)
             _put_pose(self._records, index, *pose, *(obstacle.before or pose))
@@ -275,11 +283,13 @@ def _put_shape(record: np.void, shape: Shape) -> None:
     record['ccd_threshold'] = shape.ccd_threshold
 
 
-def _put_velocity(record: np.void, obstacle: Obstacle) -> None:
-    record['id'] = identity(obstacle.config.name)
+def _put_surface(record: np.void, obstacle: Obstacle) -> None:
+    config = obstacle.config
+    record['id'] = identity(config.name)
     record['moves'] = obstacle.moves
-    record['linear'] = obstacle.config.velocity_linear
-    record['angular'] = obstacle.config.velocity_angular
+    record['linear'], record['angular'] = config.velocity_linear, config.velocity_angular
+    record['surface_velocity'] = config.surface_velocity
+    record['friction'], record['elasticity'] = config.friction, config.elasticity
 
 
 @kernel

@@ -279,7 +279,7 @@ def find_obstacle_rows(
                     weight = weights[shape['first'] + contacts[k]['particle']]
                     velocity = put_obstacle_row(
                         rows[found], contacts[k], number, body, reach, weight, obstacle, which,
-                        x, v, flown,
+                        x, v, flown, h,
                     )  # fmt: skip
                     complete_row(rows[found], members, memory, velocity, h)
                 found += 1

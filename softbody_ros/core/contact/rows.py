@@ -230,6 +230,7 @@ def put_obstacle_row(
     x: np.ndarray,
     v: np.ndarray,
     flown: np.ndarray,
+    h: float,
 ) -> Vector:
     """
     Write the row of a contact of a particle with an obstacle.
@@ -251,11 +252,12 @@ def put_obstacle_row(
     begin_sides(row)
     add_side(row, 0, 0, 1.0, column, point, body, x, flown)
     row['gap'] += dot(vector_of(row['normal']), vector_of(row['offsets'][0]))
-    put_vector(row['other_motion'], motion_with(obstacle, point))
-    surface = velocity_at(obstacle, point)
+    belt = applied(matrix_of(obstacle['rotation']), vector_of(obstacle['surface_velocity']))
+    belt = along_surface(belt, vector_of(row['normal']))
+    put_vector(row['other_motion'], along(motion_with(obstacle, point), h, belt))
+    surface = plus(velocity_at(obstacle, point), belt)
     put_vector(row['other_velocity'], surface)
-    put_friction(row, body['coulomb'], body['friction'])
-    row['elasticity'] = elasticity_of(body)
+    put_laws(row, body, obstacle['friction'], obstacle['elasticity'])
     row['of_face'] = False
     row['softness'] = softness_of(weight, body['count'])
     return minus(column_of(v[body['now']], column), surface)
@@ -373,6 +375,26 @@ def elasticity_of(body: np.void) -> float:
 
 
 @helper
+def along_surface(velocity: Vector, normal: Vector) -> Vector:
+    """Return the part of a velocity along a surface."""
+    return along(velocity, -dot(velocity, normal), normal)
+
+
+@helper
+def put_laws(row: np.void, body: np.void, friction: float, elasticity: float) -> None:
+    """Write friction and ε of a contact of a body with an obstacle, with values of its own."""
+    own, rebound = body['friction'], elasticity_of(body)
+    if friction >= 0.0:
+        own = math.sqrt(own * friction)
+        if not body['coulomb']:
+            own = min(own, 1.0)
+    if elasticity >= 0.0:
+        rebound = math.sqrt(rebound * elasticity)
+    put_friction(row, body['coulomb'], own)
+    row['elasticity'] = rebound
+
+
+@helper
 def put_friction(row: np.void, coulomb: bool, friction: float) -> None:
     """Write the law of friction: the coefficient, or the share that viscous friction removes."""
     row['friction'] = friction if coulomb else math.inf
@@ -425,6 +447,10 @@ POINT_SET = np.dtype(
         ('centre', np.float64, (3,)),  # m
         ('linear', np.float64, (3,)),  # velocity of the centre, m/s
         ('angular', np.float64, (3,)),  # rad/s
+        # of the obstacle that they belong to
+        ('surface_velocity', np.float64, (3,)),  # in axes of the world, m/s
+        ('friction', np.float64),  # negative: that of the body
+        ('elasticity', np.float64),
     ],
     align=True,
 )
@@ -501,9 +527,10 @@ def put_face_row(
     row['gap'] = members[other]['margin'] - contact['depth']
     arm = minus(point, vector_of(point_set['centre']))
     velocity = plus(vector_of(point_set['linear']), cross(vector_of(point_set['angular']), arm))
+    belt = along_surface(vector_of(point_set['surface_velocity']), normal)
+    velocity = plus(velocity, belt)
     row['gap'] += dot(vector_of(row['normal']), vector_of(row['offsets'][0]))
     put_vector(row['other_motion'], scaled(h, velocity))
     put_vector(row['other_velocity'], velocity)
-    put_friction(row, body['coulomb'], body['friction'])
-    row['elasticity'] = elasticity_of(body)
+    put_laws(row, body, point_set['friction'], point_set['elasticity'])
     return minus(face_velocity, velocity)
