@@ -3,7 +3,10 @@
 """The topics by which others act on the world: real rclpy, end to end."""
 
 import math
+import os
 import random
+import subprocess
+import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
@@ -404,6 +407,91 @@ def test_nothing_that_is_sent_ends_the_node(graph):
     graph.spin_until(lambda: len(clouds) > seen + 5)
     assert process.poll() is None
     assert not said(log, 'a callback failed')
+
+
+# ----------------------------------------------------------------------------- quality of service
+@pytest.mark.parametrize(
+    ('topic', 'message', 'acts'),
+    [
+        ('obstacles', lambda: array_of(marker((5.0, 0.0, 0.0))), lambda w: len(w.obstacles) > 1),
+        ('obstacle_points', lambda: cloud_of([[5.0, 0.0, 0.0]]), lambda w: len(w.point_obstacles)),
+        (
+            'wrench',
+            lambda: wrench_of('ball', (1.0, 0.0, 0.0)),
+            lambda w: w.external_inputs.wrenches,
+        ),
+        ('gravity', lambda: gravity_of((1.0, 0.0, 0.0)), lambda w: w.gravity[0] == 1.0),
+        (
+            'poke',
+            lambda: poke_of((0.5, 0.0, 1.0)),
+            lambda w: abs(w.velocities('ball')[:, 0]).max(),
+        ),
+    ],
+)
+def test_best_effort_publishers_are_heard(graph, topic, message, acts):
+    sim = graph.sim_node(**SMALL, ball__position=[0.0, 0.0, 1.0], gravity__magnitude=0.0)
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    sender = graph.node.create_publisher(INPUTS[topic], f'{SIM}/{topic}', qos)
+
+    def heard():
+        sender.publish(message())
+        return acts(sim._world)
+
+    graph.spin_until(heard)
+
+
+@pytest.mark.parametrize('topic', ['obstacles', 'obstacle_points'])
+def test_what_was_latched_before_the_node_started_is_in_the_way(graph, topic):
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    sender = graph.node.create_publisher(INPUTS[topic], f'{SIM}/{topic}', latched)
+    position = (5.0, 0.0, 0.0)
+    sender.publish(array_of(marker(position)) if topic == 'obstacles' else cloud_of([position]))
+    sim = graph.sim_node(**SMALL)
+    graph.spin_until(lambda: len(sim._world.obstacles) > 1 or len(sim._world.point_obstacles))
+
+
+def test_what_two_subscriptions_receive_acts_once(graph):
+    sim = graph.sim_node(**SMALL, ball__position=[0.0, 0.0, 1.0], gravity__magnitude=0.0)
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    latched = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    others = [
+        graph.node.create_publisher(PointStamped, f'{SIM}/poke', each) for each in (qos, latched)
+    ]
+    topic = next(each for each in sim._inputs._topics if each.name == '~/poke')
+    graph.spin_until(lambda: len(topic.heard) == 3)
+    graph.spin_until(lambda: others[1].get_subscription_count() == 3)
+    paused(graph)
+    tick = sim._world.tick
+    others[1].publish(poke_of((0.5, 0.0, 1.0)))
+    impulse = sim._scene.node.poke_impulse
+    step(graph, 5)
+    graph.spin_until(lambda: momentum(sim)[0] != 0.0 and sim._world.tick >= tick + 5)
+    step(graph, 5)
+    assert momentum(sim)[0] == pytest.approx(-impulse, rel=1e-9)
+
+
+def test_another_type_on_an_input_topic_is_said(graph):
+    """Of another process: within one, the middleware does not let topics have two types."""
+    log = warnings(graph)
+    graph.sim_node(**SMALL)
+    code = (
+        'import rclpy; from geometry_msgs.msg import Vector3Stamped; rclpy.init(); '
+        'node = rclpy.create_node("stranger"); '
+        f'node.create_publisher(Vector3Stamped, "{SIM}/wrench", 10); rclpy.spin(node)'
+    )
+    environment = os.environ | {'ROS_DOMAIN_ID': str(graph.domain)}
+    stranger = subprocess.Popen([sys.executable, '-c', code], env=environment)
+    try:
+        graph.spin_until(
+            lambda: said(
+                log,
+                '~/wrench: stranger publishes geometry_msgs/msg/Vector3Stamped there',
+                'send geometry_msgs/msg/WrenchStamped',
+            )
+        )
+    finally:
+        stranger.kill()
+        stranger.wait()
 
 
 # ------------------------------------------------------------------------------------------- clock

@@ -430,6 +430,7 @@ class SimNode(Node):
             'tick': str(now.tick),
             'simulated time (s)': f'{self._world.time:.3f}',
         }
+        self._inputs.hear_everyone()
         values |= self._inputs.report()
         if self._gravity_source != self._inputs.gravity_source:
             self._gravity_source = self._inputs.gravity_source

@@ -8,14 +8,16 @@ All actions are recorded in the history: after /clock went back they repeat at t
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 import time
 from typing import Any
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -37,13 +39,22 @@ WARNING_PERIOD = 5.0
 BYTES_PER_ACTION = 1000
 BYTES_PER_MARKER, BYTES_PER_POSE = 400, 1000
 """Approximate memory of an action in the history; an unchanged marker shares its pose."""
+RELIABLE = QoSProfile(depth=10)
 # best effort also receives from reliable publishers; of clouds only the last one matters
 NEWEST_CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+REMEMBERED = 100
+"""Messages of a topic that are recognised when another subscription receives them, too."""
 
 
 class InputTopics:
     """
     Subscribes to the input topics, and applies the messages to the world.
+
+    A subscription hears publishers of some qualities of service only. So topics that have a best
+    effort publisher, or one that keeps its messages for later subscribers, get further
+    subscriptions when it is found, see `hear_everyone`. What two of them receive acts once.
 
     Parameters
     ----------
@@ -59,26 +70,59 @@ class InputTopics:
         self._stepper = stepper
         self._settings = settings
         self._warned: dict[str, float] = {}
-        for kind, topic, use, qos in (
-            (MarkerArray, '~/obstacles', self._obstacles, 10),
-            (PointCloud2, '~/obstacle_points', self._points, NEWEST_CLOUDS),
-            (WrenchStamped, '~/wrench', self._wrench, 10),
-            (PointStamped, '~/poke', self._poke, 10),
-            (Vector3Stamped, '~/gravity', self._gravity, 10),
-        ):
-            node.create_subscription(kind, topic, partial(self._received, topic, use), qos)
+        self._topics = [
+            _Topic('~/obstacles', MarkerArray, self._obstacles),
+            _Topic('~/obstacle_points', PointCloud2, self._points),
+            _Topic('~/wrench', WrenchStamped, self._wrench),
+            _Topic('~/poke', PointStamped, self._poke),
+            _Topic('~/gravity', Vector3Stamped, self._gravity),
+        ]
+        for topic in self._topics:
+            self._subscribe(topic, NEWEST_CLOUDS if topic.kind is PointCloud2 else RELIABLE)
+
+    def _subscribe(self, topic: _Topic, qos: QoSProfile) -> None:
+        received = partial(self._received, topic)
+        subscription = self._node.create_subscription(topic.kind, topic.name, received, qos)
+        topic.full_name = subscription.topic_name
+        topic.heard.append(qos)
+
+    def hear_everyone(self) -> None:
+        """Subscribe as the publishers that are there now need it, and say what cannot be heard."""
+        for topic in self._topics:
+            for publisher in self._node.get_publishers_info_by_topic(topic.full_name):
+                wanted = _type_name(topic.kind)
+                if publisher.topic_type != wanted:
+                    self._warn(
+                        topic.name,
+                        f'{publisher.node_name} publishes {publisher.topic_type} there, which '
+                        f'is not heard: send {wanted}',
+                    )
+                    continue
+                qos, needed = publisher.qos_profile, topic.heard[0]
+                if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
+                    needed = needed if needed is NEWEST_CLOUDS else BEST_EFFORT
+                elif qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+                    needed = LATCHED
+                if needed not in topic.heard:
+                    self._subscribe(topic, needed)
 
     @property
     def _world(self) -> World:
         return self._stepper.world
 
-    def _received(self, topic: str, use: Callable[[Any, NodeConfig], str], message: Any) -> None:
+    def _received(self, topic: _Topic, message: Any, info: Mapping[str, int]) -> None:
+        if topic.is_known(info):
+            return
         try:
-            problem = use(message, self._settings())
+            problem = topic.use(message, self._settings())
         except InputError as error:
             problem = f'it is ignored: {error}'
+        if problem:
+            self._warn(topic.name, problem)
+
+    def _warn(self, topic: str, problem: str) -> None:
         now = time.monotonic()
-        if problem and now - self._warned.get(topic, -WARNING_PERIOD) >= WARNING_PERIOD:
+        if now - self._warned.get(topic, -WARNING_PERIOD) >= WARNING_PERIOD:
             self._warned[topic] = now
             self._node.get_logger().warning(f'{topic}: {problem}')
 
@@ -185,6 +229,33 @@ class InputTopics:
             'received obstacle points': str(len(inputs.points)),
             'received wrenches': str(len(inputs.wrenches)),
         }
+
+
+@dataclass
+class _Topic:
+    """A topic, what uses its messages, and how it is subscribed to."""
+
+    name: str
+    kind: type
+    use: Callable[[Any, NodeConfig], str]
+    full_name: str = ''
+    heard: list[QoSProfile] = field(default_factory=list)
+    known: deque[tuple[int, int]] = field(default_factory=partial(deque, maxlen=REMEMBERED))
+
+    def is_known(self, info: Mapping[str, int]) -> bool:
+        """Return whether another subscription has received a message already."""
+        key = info['source_timestamp'], info['publication_sequence_number'] or 0
+        if key in self.known:
+            return True
+        if key[0] > 0:  # else the middleware does not say
+            self.known.append(key)
+        return False
+
+
+def _type_name(kind: type) -> str:
+    """Return the name of a message type as ROS writes it: package/msg/Type."""
+    package, *_ = kind.__module__.split('.')
+    return f'{package}/msg/{kind.__name__}'
 
 
 def _is_new(
