@@ -256,6 +256,41 @@ def test_points_reach_as_far_as_their_radius(height, asleep):
     assert world.is_asleep('body') == asleep
 
 
+def test_a_camera_that_sees_a_body_does_not_push_it():
+    """Noisy points of the upper half and of the table around: of these alone it knows."""
+    world, seen = resting(), resting()
+    random = np.random.default_rng(0)
+    above = random.normal(size=(2000, 3)) * (1.0, 1.0, 0.0) + (0.0, 0.0, 1.0)
+    directions = random.normal(size=(2000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    directions[:, 2] = np.abs(directions[:, 2])
+    x = seen.positions('body')
+    middle, size = x.mean(axis=0), np.ptp(x, axis=0) / 2.0
+    skin = middle + directions * size + random.normal(scale=0.002, size=(2000, 3))
+    table = above[np.linalg.norm(above[:, :2], axis=1) > 0.9] * (1.0, 1.0, 0.0)
+    cloud = PointObstacles(np.concatenate([skin, table]), 0.1)
+    seen.set_points(cloud, 0.05)
+    assert seen.point_obstacles.ignored == len(skin)
+    np.testing.assert_array_equal(seen.point_obstacles.points, table)
+    assert seen.is_asleep('body')
+    world.set_points(cloud)
+    assert world.point_obstacles.ignored == 0 and not world.is_asleep('body')
+
+
+def test_points_below_a_body_are_no_part_of_it():
+    """It lies on spheres of their radius: farther away than the filter reaches."""
+    grid = np.stack(np.meshgrid(*[np.arange(-0.6, 0.61, 0.04)] * 2), -1).reshape(-1, 2)
+    points = np.column_stack([grid, np.zeros(len(grid))])
+    shape = BodyConfig(name='body', mode='rigid', position=(0.0, 0.0, 0.53), subdivisions=3)
+    world = World(WorldConfig(bodies=(shape,), obstacles=()))
+    for seed in range(60):
+        noise = np.random.default_rng(seed).normal(scale=0.002, size=points.shape)
+        world.set_points(PointObstacles(points + noise, 0.02), 0.01)
+        assert world.point_obstacles.ignored == 0
+        world.step(8)
+    assert world.positions('body')[:, 2].min() > 0.01
+
+
 def test_few_points_stay_as_they_are():
     points = np.random.default_rng(0).normal(size=(MOST_POINTS, 3))
     assert thinned(points, 10.0) is points

@@ -203,7 +203,7 @@ def test_too_many_markers_are_said(graph):
 @pytest.mark.parametrize('reliability', list(ReliabilityPolicy)[1:3])
 def test_points_come_from_both_kinds_of_publisher(graph, reliability):
     assert reliability.name in ('RELIABLE', 'BEST_EFFORT')
-    sim = graph.sim_node(**SMALL, obstacle_points__radius=0.1)
+    sim = graph.sim_node(**SMALL, obstacle_points__radius=0.1, obstacle_points__self_filter=0.0)
     sender = publisher(graph, 'obstacle_points', QoSProfile(depth=1, reliability=reliability))
     points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
     sender.publish(cloud_of(points))
@@ -228,6 +228,20 @@ def test_the_points_of_another_node_are_in_the_way(graph):
     graph.spin_until(lambda: len(sim._world.point_obstacles) == 42)
     shown = {np.frombuffer(cloud.data, POINT_TYPE)['z'].tobytes() for cloud in clouds}
     assert sim._world.point_obstacles.points[:, 2].astype(np.float32).tobytes() in shown
+
+
+def test_points_on_the_body_are_ignored_and_counted(graph):
+    sim = graph.sim_node(**SMALL, gravity__magnitude=0.0)
+    reports = graph.collect(DiagnosticArray, '/diagnostics')
+    points = np.concatenate([sim._world.positions('ball') + [0.005, 0.0, 0.0], [[5.0, 0.0, 0.0]]])
+    send(graph, 'obstacle_points', cloud_of(points))
+    graph.spin_until(lambda: len(sim._world.point_obstacles) == 1)
+
+    def counted():
+        values = {item.key: item.value for item in reports[-1].status[0].values} if reports else {}
+        return values.get('ignored obstacle points, on bodies') == '42'
+
+    graph.spin_until(counted)
 
 
 def test_a_huge_cloud_is_thinned_and_that_is_said(graph):

@@ -30,8 +30,8 @@ def test_every_parameter_has_a_description_and_bounds_where_it_is_a_number():
 
 def test_table_has_what_the_design_lists():
     scene = 'frame_id time_step reference_step points_rate mesh_rate time_scale step_count '
-    scene += 'input_timeout obstacle_points.radius poke.radius poke.impulse '
-    scene += 'history.memory gravity.magnitude gravity.direction bodies obstacles'
+    scene += 'input_timeout obstacle_points.radius obstacle_points.self_filter poke.radius '
+    scene += 'poke.impulse history.memory gravity.magnitude gravity.direction bodies obstacles'
     body = 'mesh size subdivisions position orientation initial_velocity.linear '
     body += 'initial_velocity.angular mass mode stiffness bounciness deformation elasticity '
     body += 'friction friction_model volume_conservation damping thickness color '
@@ -71,6 +71,10 @@ def test_default_yaml_lists_every_parameter_with_its_default():
         (
             {'ball.friction': 2.0, 'ball.friction_model': 'viscous'},
             'larger coefficients need friction_model coulomb',
+        ),
+        (
+            {'obstacle_points.self_filter': 0.02},
+            'self_filter is 0.02: it must be less than obstacle_points.radius, 0.02 m',
         ),
         (
             {'gravity.direction': [0.0, 0.0, 0.0]},

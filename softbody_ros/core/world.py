@@ -40,6 +40,7 @@ from softbody_ros.core.external_inputs import (
     ticks_of,
 )
 from softbody_ros.core.geometry.bounding_boxes import overlapping
+from softbody_ros.core.geometry.bvh import make_tree
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
 from softbody_ros.core.shape_matching.gains import KAPPA, natural_frequency, put_gains
@@ -611,12 +612,36 @@ class World:
         h = self.config.time_step
         self._set_inputs(self._inputs.changed(changes, self.tick, longest_gap, h))
 
-    def set_points(self, points: PointObstacles) -> None:
-        """Replace the point obstacles; wake bodies near points that have changed."""
+    def set_points(self, points: PointObstacles, self_filter: float = 0.0) -> None:
+        """
+        Replace the point obstacles; wake bodies near points that have changed.
+
+        Parameters
+        ----------
+        points : PointObstacles
+        self_filter : float
+            points up to this distance from the present surface of a body are left out, m: a camera
+            sees the bodies, too
+
+        """
+        if self_filter > 0.0:
+            own = self._near_surfaces(points.points, self_filter)
+            points = PointObstacles(points.points[~own], points.radius, int(own.sum()))
         before, self._inputs = self._inputs.points, self._inputs.with_points(points)
         for index, (low, high) in enumerate(zip(*self._boxes(), strict=True)):
             if not np.array_equal(points.within(low, high), before.within(low, high)):
                 self._wake(index)
+
+    def _near_surfaces(self, points: np.ndarray, reach: float) -> np.ndarray:
+        """Return which points (k, 3) are within a distance, m, of the surface of a body."""
+        result = np.zeros(len(points), dtype=bool)
+        for name, low, high in zip(self.names, *self._boxes(), strict=True):
+            near = ((points >= low - reach) & (points <= high + reach)).all(axis=1)
+            faces = self.rest_shape(name).surface.faces
+            if near.any() and len(faces):
+                tree = make_tree(Surface(self.positions(name), faces))
+                result[near] |= np.abs(tree.distance(points[near])[0]) <= reach
+        return result
 
     def apply_wrench(
         self,

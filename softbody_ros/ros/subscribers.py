@@ -160,7 +160,12 @@ class InputTopics:
     def _points(self, message: PointCloud2, settings: NodeConfig) -> str:
         radius = settings.obstacle_points_radius
         points, seen = message_parsing.point_obstacles(message, settings.frame_id, radius)
-        self._act(World.set_points, BYTES_PER_ACTION + points.points.nbytes, points=points)
+        self._act(
+            World.set_points,
+            BYTES_PER_ACTION + points.points.nbytes,
+            points=points,
+            self_filter=settings.self_filter,
+        )
         if len(points) == seen:
             return ''
         return (
@@ -227,6 +232,7 @@ class InputTopics:
             'gravity source': source,
             'received obstacles': str(len(inputs.dynamic_obstacles)),
             'received obstacle points': str(len(inputs.points)),
+            'ignored obstacle points, on bodies': str(inputs.points.ignored),
             'received wrenches': str(len(inputs.wrenches)),
         }
 

@@ -68,6 +68,11 @@ class NodeConfig(Checked):
         0.02, 'of the spheres by which the points of ~/obstacle_points push', unit='m',
         minimum=1e-4, maximum=1e3, group='obstacle_points',
     )  # fmt: skip
+    obstacle_points_self_filter: float = setting(
+        -1.0, 'distance from the surface of a body up to which points are ignored, as those of a '
+        'camera that sees it: less than the radius; 0 is off, negative: half of the radius',
+        unit='m', minimum=-1.0, maximum=1e3, group='obstacle_points',
+    )  # fmt: skip
     poke_radius: float = setting(
         0.15, 'of the spot that ~/poke pokes', unit='m', minimum=1e-4, maximum=1e3, group='poke'
     )
@@ -79,6 +84,18 @@ class NodeConfig(Checked):
         super().__post_init__()
         if not self.frame_id:
             raise ConfigError("frame_id is '': give the name of a frame, for example world")
+        if self.obstacle_points_self_filter >= self.obstacle_points_radius:
+            raise ConfigError(
+                f'obstacle_points.self_filter is {self.obstacle_points_self_filter:g}: it must be '
+                f'less than obstacle_points.radius, {self.obstacle_points_radius:g} m, or bodies '
+                'sink into the points that they lie on'
+            )
+
+    @property
+    def self_filter(self) -> float:
+        """Distance from a body, m, up to which points of `~/obstacle_points` are ignored."""
+        own = self.obstacle_points_self_filter
+        return 0.5 * self.obstacle_points_radius if own < 0.0 else own
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,14 @@ class PointObstacles:
         immutable, m
     radius : float
         m
+    ignored : int
+        number of points that were left out, since they lay on a body
 
     """
 
     points: np.ndarray
     radius: float
+    ignored: int = 0
 
     def __len__(self) -> int:
         return len(self.points)
