@@ -8,7 +8,7 @@ from softbody_ros.core.compiled import kernel
 from softbody_ros.core.contact.newton import descend, majorise, minimise
 from softbody_ros.core.contact.problem import Problem, find_diagonals, sum_forces
 from softbody_ros.core.contact.rows import ROW
-from softbody_ros.core.contact.solver import solve, sweep
+from softbody_ros.core.contact.solver import solve, sweep, update_discs
 from softbody_ros.core.lanes import LANES
 
 RIGID, LINEAR, QUADRATIC = 6, 15, 33
@@ -17,6 +17,12 @@ RIGID, LINEAR, QUADRATIC = 6, 15, 33
 def width(modes):
     """Return the room for the amplitudes of so many modes."""
     return -(-modes // LANES) * LANES
+
+
+@kernel
+def updated_discs(rows: np.ndarray, extrapolates: bool) -> None:
+    """Update the friction discs of rows (k,) ROW."""
+    update_discs(rows, extrapolates)
 
 
 @kernel

@@ -12,10 +12,13 @@ from contact_problems import (
     grid_cube,
     outwards,
     stack,
+    updated_discs,
     width,
 )
 import numpy as np
 import pytest
+
+from softbody_ros.core.contact.rows import ROW
 
 KINDS = {
     'rigid': (RIGID,),
@@ -366,3 +369,13 @@ def test_forces_are_within_their_cones_however_early_it_ends():
         assert total[:, 0].min() >= 0.0
         size = np.linalg.norm(total[:, 1:], axis=1)
         assert (size <= case.rows['friction'] * total[:, 0] + 1e-12).all()
+
+
+def test_radii_of_discs_that_alternate_are_taken_in_their_middle():
+    """Between two states of a box that a belt rubs against a wall they did, for ever."""
+    rows = np.zeros(1, ROW)
+    rows['friction'], rows['radius'] = 0.5, 3.0
+    for normal, radius in ((2.0, 1.0), (6.0, 2.0), (6.0, 3.0)):
+        rows['force'][0, 0] = normal
+        updated_discs(rows, True)
+        assert rows['radius'][0] == radius

@@ -53,8 +53,9 @@ LARGEST_ISLAND = 180
 """Modes of all bodies of an island up to which Newton's equations are factorised."""
 OUTER, STEPS = 60, 400
 """Most updates of the friction discs, and Newton steps."""
-EXTRAPOLATED = 0.05
-"""Ratio of changes of the discs, and distance from 1, from which on they are extrapolated."""
+EXTRAPOLATED, ALTERNATING = 0.05, -0.5
+"""Ratio of changes of the discs, and distance from 1, from which on they are extrapolated; and the
+ratio of changes that alternate, up to which they are."""
 STUBBORN = 5
 """Updates after which sweeps follow in any case: where normal forces and friction depend on each
 other strongly, updates by themselves would alternate. Not where viscous friction changes with the
@@ -240,7 +241,8 @@ def update_discs(rows: np.ndarray, extrapolates: bool) -> None:
     """
     Take the radii of the present normal forces, or of those that they tend to.
 
-    Their changes often shrink like a geometric series: then its sum is taken at once (Aitken).
+    Their changes often shrink like a geometric series, or alternate: then its sum is taken at once
+    (Aitken).
     """
     product = square = 0.0
     for k in range(len(rows)):
@@ -251,7 +253,8 @@ def update_discs(rows: np.ndarray, extrapolates: bool) -> None:
         square += row['disc_change'] * row['disc_change']
         row['radius'], row['disc_change'] = target, change
     ratio = product / square if square > 0.0 else 0.0
-    if extrapolates and EXTRAPOLATED < ratio < 1.0 - EXTRAPOLATED:
+    shrinks = EXTRAPOLATED < ratio < 1.0 - EXTRAPOLATED
+    if extrapolates and (shrinks or ratio < ALTERNATING):
         for k in range(len(rows)):
             row = rows[k]
             row['radius'] = max(row['radius'] + ratio / (1.0 - ratio) * row['disc_change'], 0.0)
