@@ -139,14 +139,17 @@ def test_the_page_shows_a_body_that_falls_and_the_reset_button_puts_it_back(show
     show.graph.spin_until(lambda: show.height() < 141, 'it falls again')
 
 
-def test_colours_by_displacement_with_a_legend(show):
+@pytest.mark.parametrize(
+    ('quantity', 'unit'), [('displacement', '[cm]?m'), ('pressure', '[kM]?Pa')]
+)
+def test_colours_by_a_quantity_with_a_legend(show, quantity, unit):
     show.graph.spin_until(lambda: show.height())
-    browser_of_tests.choose(show.page, 'colour by', 'displacement')
+    browser_of_tests.choose(show.page, 'colour by', quantity)
     # the ground presses it flat by some millimetres
     show.graph.spin_until(lambda: show.orange().sum() < BALL, 'another colour')
     legend = show.page.locator('div[style*="linear-gradient"]')
     expect(legend).to_be_visible()
-    assert re.search(r'0\s*[\d.]+ [cm]?m', legend.locator('xpath=..').inner_text())
+    assert re.search(rf'0\s*[\d.]+ {unit}', legend.locator('xpath=..').inner_text())
     picture = show.picture()
     assert (picture[..., 2] > picture[..., 0] + 30).sum() > BALL  # little is blue
     browser_of_tests.choose(show.page, 'colour by', 'body')
