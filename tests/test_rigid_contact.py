@@ -217,6 +217,25 @@ def test_a_box_between_planes_that_close_stays_where_it_is():
     assert np.abs(np.diff(forces, 2)).max() < 0.01 * forces.max()  # … smoothly
 
 
+@pytest.mark.parametrize('h', STEPS)
+def test_the_force_on_what_is_held_without_room_is_steady(h):
+    """Without gravity nothing moves at all: energies are those of rounding."""
+    ball = block(mesh='icosphere', size=0.05, subdivisions=3, mass=0.2, position=(0.0, 0.0, 1.0))
+    world = World(
+        WorldConfig(time_step=h, gravity_magnitude=0.0, bodies=(ball,), obstacles=fingers(0.051))
+    )
+    move(world, 0.1)
+    world.step(round(0.02 / h))
+    move(world, 0.0)
+    world.step(20)
+    forces = []
+    for _ in range(20):
+        world.step()
+        forces.append(np.linalg.norm(world.obstacle_wrench('left')[0]))
+    assert forces == pytest.approx(np.full(20, forces[-1]), rel=1e-6)
+    assert forces[-1] > 100.0
+
+
 # -------------------------------------------------------------------------------------- impacts
 @pytest.mark.parametrize('mesh', ['icosphere', 'box'])
 @pytest.mark.parametrize('elasticity', [0.0, 0.5, 0.8, 1.0])

@@ -110,15 +110,17 @@ def any_inside(members: np.ndarray, rows: np.ndarray) -> bool:
 
 
 @helper
-def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float) -> float:
+def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float, h: float) -> float:
     """
     Return the energy, J, with which bodies can leave obstacles: at twice their speed faster.
 
-    What is found inside something leaves it with a speed of its own.
+    What is found inside something leaves it with a speed of its own; and next to no speed, as of
+    what is held without room, is tolerated.
     """
     fastest = mass = 0.0
     for k in range(len(rows)):
         row = rows[k]
+        fastest = max(fastest, LINEARISED * members[row['one']]['scale'] / h)
         fastest = max(fastest, norm(vector_of(row['other_velocity'])))
         if row['tolerated'] > 0.0:
             fastest = max(fastest, 0.5 * RECOVERY * members[row['one']]['scale'])

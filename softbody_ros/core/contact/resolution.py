@@ -816,7 +816,7 @@ def resolve_island(
         add_velocities(members, particles, problem.modes[0], problem.shifts[0])
     share = 1.0
     if (work[2] > unsolved or any_inside(members, rows)) and not is_soft:
-        most = largest_energy(members, rows[:acting], energy)
+        most = largest_energy(members, rows[:acting], energy, h)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
             share = keep_energy(members, energy, most)
     put_rotation(members, particles)
