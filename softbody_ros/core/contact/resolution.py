@@ -328,8 +328,8 @@ def find_near(members: np.ndarray, rows: np.ndarray, memory: np.ndarray, near: n
     than it was after that of the tick before.
 
     Where all contacts of a body persist and their flights are those of the tick before, the body
-    is steady: then a new contact acts only if it is closed with that speed, too. So the surface
-    around a patch, which springs out in the flight, needs no contacts.
+    is steady: then a new contact acts only if it is closed with that speed. So the surface around
+    a patch, which springs out in the flight, needs no contacts.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ def find_near(members: np.ndarray, rows: np.ndarray, memory: np.ndarray, near: n
                 steady = steady and held[index]
         gap, displaced = min(row['gap'], row['coasting']), deepest
         if steady:
-            gap, displaced = max(row['gap'], row['coasting']), changes
+            gap, displaced = row['coasting'], changes
         for side in range(2):
             index, _ = side_of(row, side)
             if index >= 0:
