@@ -175,8 +175,8 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         if all vertices coincide.
 
     """
-    areas = _vertex_areas(surface)
-    area_weights = _shares_of(areas)
+    around = _areas_around(surface)
+    area_weights = _shares_of(around)
     spread = surface.vertices - weighted_mean(surface.vertices, area_weights)
     scale = float(np.sqrt((np.einsum('ij,ij->i', spread, spread) * area_weights).sum()))
     if not scale > 0.0:
@@ -200,7 +200,7 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         surface=surface,
         centre=centre,
         scale=scale,
-        areas=areas,
+        areas=around / 6.0,
         weights=weights,
         q=q,
         feature_means=means,
@@ -245,12 +245,12 @@ def _products(q: np.ndarray) -> np.ndarray:
     return np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
 
 
-def _vertex_areas(surface: Surface) -> np.ndarray:
-    """Return a third of the area of the triangles at each vertex, m²."""
+def _areas_around(surface: Surface) -> np.ndarray:
+    """Return twice the area of the triangles at each vertex, m²."""
     a, b, c = surface.vertices[surface.faces.T]
     doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     count = len(surface.vertices)
-    return np.bincount(surface.faces.ravel(), np.repeat(doubled, 3), minlength=count) / 6.0
+    return np.bincount(surface.faces.ravel(), np.repeat(doubled, 3), minlength=count)
 
 
 def _shares_of(areas: np.ndarray) -> np.ndarray:
