@@ -112,7 +112,7 @@ def test_two_poses_make_a_velocity_that_goes_on_until_the_timeout():
     assert not guest(world).moves
     world.step(100)
     assert guest(world).position == pytest.approx((0.2 + 0.5 * 2.0, 0.0, -5.0))
-    assert (guest(world).surface_velocity(np.ones((2, 3))) == 0.0).all()
+    assert (guest(world).velocity_at(np.ones((2, 3))) == 0.0).all()
 
 
 @pytest.mark.parametrize(

@@ -624,18 +624,21 @@ class World:
             sees the bodies, too
 
         """
+        boxes = self._boxes()
         if self_filter > 0.0:
-            own = self._near_surfaces(points.points, self_filter)
+            own = self._near_surfaces(points.points, self_filter, boxes)
             points = PointObstacles(points.points[~own], points.radius, int(own.sum()))
         before, self._inputs = self._inputs.points, self._inputs.with_points(points)
-        for index, (low, high) in enumerate(zip(*self._boxes(), strict=True)):
+        for index, (low, high) in enumerate(zip(*boxes, strict=True)):
             if not np.array_equal(points.within(low, high), before.within(low, high)):
                 self._wake(index)
 
-    def _near_surfaces(self, points: np.ndarray, reach: float) -> np.ndarray:
+    def _near_surfaces(
+        self, points: np.ndarray, reach: float, boxes: sleeping.Boxes
+    ) -> np.ndarray:
         """Return which points (k, 3) are within a distance, m, of the surface of a body."""
         result = np.zeros(len(points), dtype=bool)
-        for name, low, high in zip(self.names, *self._boxes(), strict=True):
+        for name, low, high in zip(self.names, *boxes, strict=True):
             near = ((points >= low - reach) & (points <= high + reach)).all(axis=1)
             faces = self.rest_shape(name).surface.faces
             if near.any() and len(faces):

@@ -4,16 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.publisher import Publisher
 
 from softbody_ros.core import MeanWrenches, World
-from softbody_ros.core.contact_forces import ContactWrench
+from softbody_ros.core.contact_forces import ContactWrench, ObstacleKey
 from softbody_ros.ros import messages
 
 IDENTITY = np.eye(3)
@@ -40,7 +39,8 @@ class ContactTopics:
 
     def __init__(self, world: World, publisher: Callable[[type, str, int], Publisher]) -> None:
         self._world, self._means = world, MeanWrenches(world)
-        self._was_in_contact: dict[Hashable, bool] = {}
+        # no name is that of a body and of an obstacle
+        self._was_in_contact: dict[ObstacleKey, bool] = {}
         names = [obstacle.config.name for obstacle in world.obstacles]
 
         def all_and_own(topic: str, names: list[str]) -> tuple[Publisher, dict[str, Publisher]]:
@@ -53,52 +53,56 @@ class ContactTopics:
 
     def publish(self, stamp: int, frame_id: str) -> None:
         """Publish what is listened to; `frame_id` is that of the world, `stamp` in ns."""
-        world, means = self._world, self._means
-        own: Publisher | None
+        world, means, every = self._world, self._means, _heard(self._bodies)
         for name, own in self._body.items():
-            wrenches = partial(means.contact_wrench, name), partial(world.contact_wrench, name)
-            for wrench in self._heard(('body', name), (self._bodies, own), *wrenches):
-                wrench.send(stamp, frame_id, IDENTITY)
+            listeners = every + _heard(own)
+            wrench = self._due(name, listeners, means.contact_wrench, world.contact_wrench)
+            _send(listeners, stamp, frame_id, IDENTITY, wrench)
+        every = _heard(self._obstacles)
         for key, obstacle in zip(world.obstacle_keys, (*world.obstacles, None), strict=True):
-            own, frame = None, frame_id
-            if isinstance(key, str):
-                own, frame = self._obstacle.get(key), key
-            elif key is not None:
+            # points, the last of all, are in the frame of the world
+            frame = key if isinstance(key, str) else frame_id
+            if isinstance(key, tuple):
                 frame = f'{key[0]}/{key[1]}'
-            wrenches = partial(means.obstacle_wrench, key), partial(world.obstacle_wrench, key)
-            for wrench in self._heard(('obstacle', key), (self._obstacles, own), *wrenches):
-                # points, the last of all, are in the frame of the world
-                wrench.send(stamp, frame, IDENTITY if obstacle is None else obstacle.rotation)
+            rotation = IDENTITY if obstacle is None else obstacle.rotation
+            listeners = every + (_heard(self._obstacle[key]) if key in self._obstacle else [])
+            wrench = self._due(key, listeners, means.obstacle_wrench, world.obstacle_wrench)
+            _send(listeners, stamp, frame, rotation, wrench)
 
-    def _heard(
+    def _due(
         self,
-        key: Hashable,
-        publishers: tuple[Publisher, Publisher | None],
-        mean: Callable[[], ContactWrench],
-        last: Callable[[], ContactWrench],
-    ) -> Iterator[_Wrench]:
-        """Yield the wrench of a body or an obstacle, if there is one to publish."""
-        listened = [one for one in publishers if one is not None and one.get_subscription_count()]
-        if not listened:
+        key: ObstacleKey,
+        listeners: list[Publisher],
+        mean: Callable[[Any], ContactWrench],
+        last: Callable[[Any], ContactWrench],
+    ) -> ContactWrench | None:
+        """Return the wrench of a body or an obstacle that is to be published, if there is one."""
+        if not listeners:
             self._was_in_contact.pop(key, None)
-            return
-        since_last = mean()
-        force, torque = since_last if key in self._was_in_contact else last()
+            return None
+        since_last = mean(key)
+        force, torque = since_last if key in self._was_in_contact else last(key)
         was_in_contact = self._was_in_contact.get(key, False)
         self._was_in_contact[key] = bool(force.any() or torque.any())
-        if was_in_contact or self._was_in_contact[key]:
-            yield _Wrench(listened, force, torque)
+        return (force, torque) if was_in_contact or self._was_in_contact[key] else None
 
 
-class _Wrench(NamedTuple):
-    """A force, N, and a torque, N m, in axes of the world, and where to publish them."""
+def _heard(publisher: Publisher) -> list[Publisher]:
+    """Return a list of a publisher if somebody listens to it, else an empty one."""
+    return [publisher] if publisher.get_subscription_count() else []
 
-    publishers: list[Publisher]
-    force: np.ndarray
-    torque: np.ndarray
 
-    def send(self, stamp: int, frame_id: str, rotation: np.ndarray) -> None:
-        """Publish it in a frame that is turned by a rotation."""
-        message = messages.wrench(stamp, frame_id, self.force @ rotation, self.torque @ rotation)
-        for publisher in self.publishers:
-            publisher.publish(message)
+def _send(
+    publishers: list[Publisher],
+    stamp: int,
+    frame_id: str,
+    rotation: np.ndarray,
+    wrench: ContactWrench | None,
+) -> None:
+    """Publish a wrench in axes of the world, if there is one, in a frame that is turned."""
+    if wrench is None:
+        return
+    force, torque = wrench
+    message = messages.wrench(stamp, frame_id, force @ rotation, torque @ rotation)
+    for publisher in publishers:
+        publisher.publish(message)

@@ -135,7 +135,7 @@ class Obstacle:
         """Whether it moves, or its surface does: then what touches it does not fall asleep."""
         return self.moves or any(self.config.surface_velocity)
 
-    def surface_velocity(self, points: np.ndarray) -> np.ndarray:
+    def velocity_at(self, points: np.ndarray) -> np.ndarray:
         """Return its velocity (k, 3) at points (k, 3), m/s."""
         if not self.moves:
             return np.zeros((len(points), 3))
