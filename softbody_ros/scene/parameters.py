@@ -44,7 +44,7 @@ class NodeConfig(Checked):
         'world', 'frame of everything that is published and received', read_only=True
     )
     points_rate: float = setting(
-        60.0, '~/points and ~/odometry, in clock time; 0 is off', unit='Hz', minimum=0.0,
+        60.0, '~/points, ~/odometry and TF, in clock time; 0 is off', unit='Hz', minimum=0.0,
         maximum=1e4,
     )  # fmt: skip
     mesh_rate: float = setting(
@@ -57,6 +57,10 @@ class NodeConfig(Checked):
     history_memory: float = setting(
         128.0, 'for going back in time with /clock; 0 simulates again from the start', unit='MiB',
         minimum=0.0, maximum=1e6, group='history',
+    )  # fmt: skip
+    publish_tf: bool = setting(
+        True, 'whether the pose of each body is broadcast as a frame of its name, at points_rate; '
+        'needs tf2_ros',
     )  # fmt: skip
     step_count: int = setting(1, 'ticks per call of ~/step', minimum=1, maximum=1_000_000)
 
@@ -273,7 +277,7 @@ def as_parameter(value: Any, facts: Setting) -> Any:
 
 def type_name(facts: Setting) -> str:
     """Return the name of the type in ROS tools."""
-    names = {int: 'integer', float: 'double', str: 'string'}
+    names = {bool: 'bool', int: 'integer', float: 'double', str: 'string'}
     if isinstance(facts.default, tuple):
         return names[facts.items or float] + ' array'
     return names[type(facts.default)]
@@ -296,6 +300,8 @@ def _default_text(default: Any) -> str:
         return '[' + ', '.join(_default_text(item) for item in default) + ']'
     if isinstance(default, float) and 0.0 < default < 0.01:
         return f'1/{1 / default:g}'
+    if isinstance(default, bool):
+        return str(default).lower()
     return f'{default:g}' if isinstance(default, float) else str(default)
 
 

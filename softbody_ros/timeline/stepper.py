@@ -171,7 +171,11 @@ class Stepper:
         self.world.check(config)
         self._config = config
         if not self.replaying:
-            self.act(lambda world: world.configure(config))
+            self._act_configure(config)
+
+    def _act_configure(self, config: WorldConfig) -> None:
+        # what an obstacle took hold of then may be elsewhere when this is repeated
+        self.act(lambda world: world.configure(config, lenient=True))
 
     def reanchor(self, now: int) -> None:
         """Map the current tick to `now`; the time between is neither simulated nor dropped."""
@@ -246,7 +250,7 @@ class Stepper:
             action(self.world)
         self._replay, self._replay_end, self._deferred = deque(), 0, []
         self._steps_left = 0
-        self.world.configure(self.world.adapted(self._config))
+        self.world.configure(self.world.adapted(self._config), lenient=True)
         self.world.reset()
         self.history.begin(self.world)
         if self.started:
@@ -284,7 +288,8 @@ class Stepper:
         deferred, self._deferred = self._deferred, []
         config = self.world.adapted(self._config)
         if self.world.config != config:
-            self.configure(config)
+            self._config = config
+            self._act_configure(config)
         for action, nbytes in deferred:
             self.act(action, nbytes)
 
