@@ -346,6 +346,25 @@ def test_a_snapshot_goes_on_bit_by_bit_with_what_was_held_then(mode):
     assert np.array_equal(world.pin_wrench('body')[0], wrench[0])
 
 
+def test_a_body_can_be_added_with_what_holds_it():
+    world = World(WorldConfig(bodies=(), obstacles=()))
+    stepper = Stepper(world, {})
+    far = body(BALL, name='far', position=(0.0, 0.0, 3.0), **REACH)
+    near = body(BALL, name='near', **REACH)
+    with pytest.raises(ConfigError, match=r'far\.attach\.radius is 0\.02: no vertex is so near'):
+        stepper.configure(dataclasses.replace(world.config, bodies=(far,), obstacles=(CUP,)))
+    with pytest.raises(ConfigError, match='there is no such obstacle'):
+        stepper.configure(dataclasses.replace(world.config, bodies=(near,)))
+    assert world.names == ()
+    stepper.configure(dataclasses.replace(world.config, bodies=(near,), obstacles=(CUP,)))
+    assert held(world)
+    world.step(240)
+    assert abs(centre(world, 'near')[2]) < 0.05
+    with pytest.raises(ConfigError, match=r'far\.attach\.radius is 0\.02: no vertex is so near'):
+        world.add(far)
+    assert world.names == ('near',)
+
+
 def test_a_clock_that_goes_back_lets_go_and_takes_hold_again_bit_by_bit():
     world = attached(attach_to='')
     free = world.config

@@ -245,6 +245,156 @@ def test_what_is_asked_for_on_the_way_back_waits_for_the_arrival():
     assert bytes_of(stepper.world) == bytes_of(fresh)
 
 
+# ------------------------------------------------------------------------- what comes and goes
+CUBE = ball('cube', mesh='box', subdivisions=0, position=(3.0, 0.0, 0.6), regions_count=2)
+POST = ObstacleConfig(name='post', type='box', position=(0.3, 0.0, 0.1), size=(0.2, 0.2, 0.2))
+
+
+def with_items(stepper, *items, without=()):
+    """Let a stepper use a config with other bodies and obstacles."""
+    config = stepper.config
+    kept = [item for item in config.items if item.name not in without]
+    chosen = [*kept, *items]
+    bodies = tuple(item for item in chosen if isinstance(item, BodyConfig))
+    obstacles = tuple(item for item in chosen if isinstance(item, ObstacleConfig))
+    stepper.configure(dataclasses.replace(config, bodies=bodies, obstacles=obstacles))
+
+
+def named(stepper):
+    world = stepper.world
+    assert [item.name for item in world.config.items] == [
+        *world.names, *(item.config.name for item in world.obstacles)
+    ]  # fmt: skip
+    return [item.name for item in world.config.items], state(stepper)
+
+
+@pytest.mark.parametrize('memory', [1024.0, 0.0])
+def test_what_is_added_is_gone_before_that_and_what_is_removed_is_there(memory):
+    stepper = stepper_of(memory=memory)
+    log = {}
+
+    def through(*times):
+        for seconds in times:
+            go_to(stepper, seconds)
+            log[seconds] = named(stepper)
+
+    through(0.1, 0.3)
+    with_items(stepper, CUBE)
+    through(0.4, 0.6)
+    with_items(stepper, POST, without=['ball'])
+    through(0.7, 1.0)
+    with_items(stepper, ball('ball', mode='rigid', position=(-3.0, 0.0, 1.0)), without=['cube'])
+    through(1.1, 1.5)
+    assert log[1.0][0] == ['cube', 'ground', 'post']
+    assert log[1.1][0] == ['ball', 'ground', 'post']
+    for seconds in (1.1, 0.7, 0.6, 0.4, 0.3, 0.1):
+        go_to(stepper, seconds)
+        assert named(stepper) == log[seconds], seconds
+        assert stepper.config == stepper.world.config
+    # what was done later is undone, for ever
+    go_to(stepper, 1.5)
+    assert named(stepper)[0] == ['ball', 'ground']
+
+
+def test_the_config_is_that_of_the_arrival_as_soon_as_the_clock_goes_back():
+    stepper = stepper_of(memory=0.0, per_look=SLICE)
+    go_to(stepper, 0.4)
+    with_items(stepper, CUBE)
+    go_to(stepper, 0.6)
+    with_items(stepper, POST)
+    go_to(stepper, 0.8)
+    stepper.rewind(START + round(0.5 * SECOND))
+    assert stepper.replaying
+    assert [item.name for item in stepper.config.items] == ['ball', 'cube', 'ground']
+    assert [item.name for item in stepper.world.config.items] == ['ball', 'ground']
+    stepper.rewind(START + round(0.3 * SECOND))
+    assert [item.name for item in stepper.config.items] == ['ball', 'ground']
+
+
+def test_what_comes_and_goes_on_the_way_back_waits_for_the_arrival():
+    stepper = stepper_of(memory=0.0, per_look=SLICE)
+    go_to(stepper, 0.5)
+    log = named(stepper)
+    go_to(stepper, 0.8)
+    stepper.rewind(START + round(0.5 * SECOND))
+    with_items(stepper, CUBE)
+    with_items(stepper, POST, without=['ball'])
+    softer = dataclasses.replace(CUBE, stiffness=0.125)
+    with_items(stepper, softer, without=['cube'])
+    stepper.act(lambda world: world.apply_wrench('cube', (9.0, 0.0, 0.0), (0.0,) * 3, 1.0))
+    stepper.act(lambda world: world.apply_wrench('ball', (9.0, 0.0, 0.0), (0.0,) * 3, 1.0))
+    assert stepper.replaying
+    assert named(stepper)[0] == ['ball', 'ground']
+    go_to(stepper, 0.5)
+    assert named(stepper)[0] == ['cube', 'ground', 'post']
+    assert stepper.config == stepper.world.config
+    assert stepper.world.body_config('cube') == softer
+    assert list(stepper.world.external_inputs.wrenches) == ['cube']
+    centre = stepper.world.positions('cube').mean(axis=0)
+    np.testing.assert_allclose(centre, CUBE.position, atol=1e-12)
+    # and it is part of the past from then on
+    go_to(stepper, 0.7)
+    there = named(stepper)
+    go_to(stepper, 0.6)
+    go_to(stepper, 0.7)
+    assert named(stepper) == there
+    stepper.rewind(START + round(0.5 * SECOND) - 1)
+    go_to(stepper, 0.5 - 1e-9)
+    assert named(stepper)[0] == log[0]
+
+
+def test_a_reset_on_the_way_back_has_what_was_asked_for():
+    stepper = stepper_of(memory=0.0, per_look=SLICE)
+    go_to(stepper, 0.3)
+    with_items(stepper, CUBE)
+    go_to(stepper, 0.8)
+    stepper.rewind(START + round(0.5 * SECOND))
+    with_items(stepper, POST)
+    assert stepper.replaying
+    stepper.reset(START + SECOND)
+    assert named(stepper)[0] == ['ball', 'cube', 'ground', 'post']
+    assert stepper.config == stepper.world.config
+    assert stepper.world.tick == 0
+
+
+def test_forgotten_additions_do_no_harm():
+    """Actions about bodies that are not there any more are left out."""
+    stepper = stepper_of(memory=0.0)
+    go_to(stepper, 0.2)
+    with_items(stepper, CUBE)
+    stepper.act(lambda world: world.apply_wrench('cube', (9.0, 0.0, 0.0), (0.0,) * 3, 9.0))
+    go_to(stepper, 0.4)
+    stepper.history._actions.popleft()
+    go_to(stepper, 0.3)
+    assert named(stepper)[0] == ['ball', 'ground']
+    assert stepper.config == stepper.world.config
+
+
+def test_parameters_that_change_often_share_the_memory_of_the_others():
+    stepper = stepper_of(EVERYTHING)
+    for index in range(100):
+        bodies = [dataclasses.replace(each) for each in stepper.config.bodies]
+        bodies[2] = dataclasses.replace(bodies[2], stiffness=0.5 + 0.001 * index)
+        before = stepper.config.bodies
+        stepper.configure(dataclasses.replace(stepper.config, bodies=tuple(bodies)))
+        shared = [now is old for now, old in zip(stepper.config.bodies, before, strict=True)]
+        assert (shared.count(False) <= 1 and not shared[2]) or index == 0
+    assert 100_000 < stepper.history.nbytes - stepper.history.beginning.snapshot.nbytes < 300_000
+
+
+def test_rest_shapes_count_once_in_the_memory_of_the_history():
+    stepper = stepper_of()
+    large = ball('large', subdivisions=5, position=(9.0, 0.0, 2.0))
+    begin = stepper.history.nbytes
+    with_items(stepper, large)
+    first = stepper.history.nbytes - begin
+    assert first > 1_000_000
+    for _ in range(10):
+        with_items(stepper, without=['large'])
+        with_items(stepper, large)
+    assert stepper.history.nbytes - begin < 1.1 * first
+
+
 def test_two_jumps_in_a_row_lead_to_the_last_one(states):
     stepper = stepper_of(EVERYTHING, 0.0, SLICE / 10)
     go_to(stepper, 1.0)

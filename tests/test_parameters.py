@@ -61,7 +61,6 @@ def test_default_yaml_lists_every_parameter_with_its_default():
     ('values', 'sentence'),
     [
         ({'ball.stifness': 0.1}, 'unknown parameter ball.stifness: did you mean ball.stiffness?'),
-        ({'bodies': []}, 'bodies is []: name at least one body'),
         ({'bodies': ['a', 'a']}, 'the name a is used twice'),
         ({'bodies': ['ground']}, 'the name ground is used twice'),
         ({'bodies': ['1st']}, "the name '1st' is not usable"),

@@ -20,6 +20,7 @@ from softbody_ros.core.shape_matching.gains import (
     natural_frequency,
 )
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
+from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.scene import parameters
 
 README = (pathlib.Path(__file__).parent.parent / 'README.md').read_text()
@@ -79,6 +80,22 @@ def test_the_hand_grips_by_what_its_fingers_feel(graph, program):
     assert not sim._world.obstacle_wrench('ground')[0].any()
     weight = 0.2 * sim._world.config.gravity_magnitude
     assert sim._world.contact_wrench('ball')[0] == pytest.approx([0, 0, weight], abs=1e-3 * weight)
+
+
+def test_it_rains_cubes(graph, program):
+    sim = graph.sim_node(**SMALL)
+    clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    printed = program('rain')
+    last = ('ball', 'cube_2', 'cube_3', 'cube_4', 'cube_5', 'cube_6')
+    graph.spin_until(lambda: sim._world.names == last, 'the seventh cube')
+    heights = [sim._world.positions(f'cube_{index}')[:, 2].mean() for index in (2, 6)]
+    assert heights[0] < 0.5 and heights[1] > 2.0
+
+    def numbers():
+        return np.unique(np.frombuffer(clouds[-1].data, POINT_TYPE)['body']).tolist()
+
+    graph.spin_until(lambda: numbers() == [0, 3, 4, 5, 6, 7])
+    assert not printed.read_text()
 
 
 def test_the_clock_drives_the_node(graph, program):

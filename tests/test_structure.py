@@ -3,10 +3,13 @@
 """What changes in a world while it runs: bodies and obstacles come and go, states are written."""
 
 import dataclasses
+import gc
+import tracemalloc
 
 from core_helpers import body, centre, momentum, sheared_box, sheet
 import numpy as np
 import pytest
+import trimesh
 
 from softbody_ros.core import (
     ConfigError,
@@ -263,6 +266,140 @@ def test_what_was_applied_to_a_body_that_is_removed_is_gone():
     world.add(ball('soft'))
     world.step()
     assert momentum(world, 'soft')[0] == pytest.approx(0.0, abs=1e-12)
+
+
+# -------------------------------------------------------------------------------- another config
+def other_config(config, remove=(), add=(), **values):
+    """Return a config with other bodies and obstacles, those that stay in reverse order."""
+    bodies = [each for each in config.bodies[::-1] if each.name not in remove]
+    standing = [each for each in config.obstacles[::-1] if each.name not in remove]
+    for item in add:
+        (standing if isinstance(item, ObstacleConfig) else bodies).insert(0, item)
+    return dataclasses.replace(config, bodies=tuple(bodies), obstacles=tuple(standing), **values)
+
+
+@pytest.mark.parametrize('what', ADDED)
+def test_adopting_a_config_is_to_remove_and_to_add(what):
+    world, other = few(), few()
+    for each in (world, other):
+        each.step(40)
+    config = other_config(world.config, ['bag', 'bar'], [ADDED[what]], gravity_magnitude=5.0)
+    world.adopt(world.prepare(config))
+    other.remove('bag')
+    other.remove('bar')
+    other.add(ADDED[what])
+    other.configure(dataclasses.replace(other.config, gravity_magnitude=5.0))
+    for _ in range(3):
+        assert everything(world) == everything(other)
+        for each in (world, other):
+            each.step(30)
+
+
+def test_adopting_a_config_of_the_same_structure_is_to_configure():
+    world, other = few(), few()
+    for each in (world, other):
+        each.step(40)
+    rebuilds = world.rebuilds
+    soft = dataclasses.replace(world.config.bodies[0], stiffness=0.9)
+    world.adopt(world.prepare(other_config(world.config, ['soft'], [soft])))
+    other.configure(dataclasses.replace(other.config, bodies=(soft, *other.config.bodies[1:])))
+    for each in (world, other):
+        each.step(30)
+    assert everything(world) == everything(other)
+    assert world.rebuilds == rebuilds
+
+
+def test_what_is_new_begins_anew_although_something_of_its_name_was_there():
+    """Nothing of the old one is remembered, not even the forces that held it."""
+    world = few()
+    world.step(200)
+    for item in (*world.config.bodies, GROUND):
+        world.remove(item.name)
+        world.add(item)
+    fresh = few()
+    for obstacle in fresh.config.obstacles:
+        if obstacle.name == 'bar':
+            moved = world.obstacles[0]
+            fresh.move_obstacle('bar', moved.position, linear=obstacle.velocity_linear)
+    for each in (world, fresh):
+        each.step(100)
+    for name in fresh.names:
+        assert np.array_equal(world.positions(name), fresh.positions(name)), name
+
+
+@pytest.mark.parametrize(('config', 'error', 'sentence'), wrong_additions())
+def test_preparing_what_cannot_be_added_is_refused_without_effect(config, error, sentence):
+    world, other = few(), few()
+    with pytest.raises(error, match=sentence):
+        world.prepare(other_config(world.config, (), [config]))
+    bag = dataclasses.replace(world.config.bodies[1], size=0.6)
+    resized = other_config(world.config, ['bag'], [bag])
+    with pytest.raises(ConfigError, match=r'bag\.size is 0\.5 and cannot change'):
+        world.prepare(resized)
+    for each in (world, other):
+        each.step(30)
+    assert everything(world) == everything(other)
+
+
+def test_what_is_prepared_can_be_adopted_many_times():
+    """An action of a history is repeated, also after its mesh file has changed or gone."""
+    world, other = few(), few()
+    prepared = world.prepare(other_config(world.config, ['soft'], [ADDED['regions']]))
+    without = world.prepare(other_config(prepared.config, ['new']), prepared.config)
+    for _ in range(3):
+        world.adopt(prepared)
+        world.step(20)
+        world.adopt(without)
+    other.adopt(other.prepare(prepared.config))
+    world.reset()
+    world.adopt(prepared)
+    for each in (world, other):
+        each.step(30)
+    assert bits_of(world) == bits_of(other)
+
+
+def test_the_shape_of_a_file_is_that_of_its_last_version(tmp_path):
+    file = tmp_path / 'thing.stl'
+    trimesh.creation.box().export(file)
+    thing = ball('thing', 9.0, mesh=str(file))
+    world = few()
+    one = world.prepare(other_config(world.config, (), [thing]))
+    world.adopt(one)
+    before, history = everything(world), world.snapshot()
+    world.adopt(world.prepare(few().config))
+    again = world.prepare(other_config(world.config, (), [thing]))
+    assert again.shapes['thing'][0] is one.shapes['thing'][0]  # loaded once
+    trimesh.creation.icosphere(1).export(file)
+    world.adopt(world.prepare(other_config(world.config, (), [thing])))
+    assert world.rest_shape('thing').particle_count == 42
+    world.restore(history)
+    assert everything(world) == before
+    assert world.rest_shape('thing').particle_count == 8
+
+
+def test_what_comes_and_goes_many_times_leaves_no_bit_and_no_memory_behind():
+    world, other = few(), few()
+    for each in (world, other):
+        each.step(40)
+    mesh = dataclasses.replace(ADDED['mesh'], name='mesh')
+    configs = [other_config(world.config, (), [ADDED['regions'], mesh]), world.config]
+
+    def cycles(count):
+        for _ in range(count):
+            for config in configs:
+                world.adopt(world.prepare(config))
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = cycles(20)
+        assert cycles(100) - before < 100_000  # less than a BodyConfig for each
+    finally:
+        tracemalloc.stop()
+    for each in (world, other):
+        each.step(60)
+    assert everything(world) == everything(other)
 
 
 # ------------------------------------------------------------------------------------ rest shapes

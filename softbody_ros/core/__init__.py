@@ -39,6 +39,7 @@ from softbody_ros.core.contact_forces import ContactImpulse
 from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
 from softbody_ros.core.mean_wrenches import MeanWrenches
+from softbody_ros.core.prepared_config import PreparedConfig
 from softbody_ros.core.rigid_fit import RigidFit
 from softbody_ros.core.step import SimulationError, SolverWork
 from softbody_ros.core.world import Snapshot, World
@@ -53,6 +54,7 @@ __all__ = [
     'ObstacleRemoval',
     'ObstacleUpdate',
     'PointObstacles',
+    'PreparedConfig',
     'RigidFit',
     'SimulationError',
     'Snapshot',

@@ -184,6 +184,13 @@ def unknown_name(name: str, known: Sequence[str]) -> str:
     return f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
 
 
+def require_distinct(names: Sequence[str]) -> None:
+    """Raise ConfigError if a name occurs twice."""
+    if len(set(names)) < len(names):
+        name = next(name for name in names if names.count(name) > 1)
+        raise ConfigError(f'the name {name} is used twice: give each thing its own')
+
+
 class Checked:
     """Base of the config dataclasses: checks every setting when an object is made."""
 
@@ -472,10 +479,12 @@ class WorldConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        names = [body.name for body in self.bodies] + [item.name for item in self.obstacles]
-        for name in names:
-            if names.count(name) > 1:
-                raise ConfigError(f'the name {name} is used twice: give each thing its own')
+        require_distinct([item.name for item in self.items])
+
+    @property
+    def items(self) -> tuple[BodyConfig | ObstacleConfig, ...]:
+        """The bodies, then the obstacles."""
+        return (*self.bodies, *self.obstacles)
 
     def with_obstacle(self, index: int, config: ObstacleConfig) -> WorldConfig:
         """Return a config with another config of one obstacle, of the same name."""

@@ -29,7 +29,7 @@ from softbody_ros.core.config import (
     unknown_name,
 )
 from softbody_ros.core.contact import exchange
-from softbody_ros.core.contact.rows import NO_MEMORY
+from softbody_ros.core.contact.rows import NO_MEMORY, without
 from softbody_ros.core.contact_forces import ContactImpulse, ObstacleKey
 from softbody_ros.core.external_inputs import (
     EVERY_BODY,
@@ -42,6 +42,14 @@ from softbody_ros.core.external_inputs import (
 from softbody_ros.core.geometry.bounding_boxes import overlapping
 from softbody_ros.core.geometry.bvh import make_tree
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.prepared_config import (
+    BYTES,
+    PreparedConfig,
+    Shape,
+    ShapeCache,
+    in_order,
+    shared,
+)
 from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
 from softbody_ros.core.shape_matching.gains import KAPPA, natural_frequency, put_gains
 from softbody_ros.core.shape_matching.pins import Pins, make_pins, pinned_particles
@@ -97,6 +105,8 @@ class World:
     tick : int
     time_jumps : int
         number of calls of `reset` and `restore`
+    rebuilds : int
+        number of times that bodies were added or removed
 
     >>> world = World(WorldConfig())
     >>> world.step(240)
@@ -118,8 +128,10 @@ class World:
         self.config = config
         self.tick = 0
         self.time_jumps = 0
+        self.rebuilds = -1
         self._inputs = ExternalInputs()
-        self._shapes: dict[tuple, tuple[RestShape, Regions | None]] = {}
+        self._shapes: dict[tuple, Shape] = {}
+        self._known_shapes = ShapeCache()
         self._surfaces: dict[tuple[int, int], CollisionSurface] = {}
         self._obstacle_table = ObstacleTable()
         self._bodies = [self._make_body(body) for body in config.bodies]
@@ -525,7 +537,7 @@ class World:
         """
         for index, obstacle in enumerate(self._obstacles):
             if obstacle.config.name == name:
-                self._wake_near([obstacle])
+                self._let_go_of((), [obstacle])
                 kept = self._obstacles[:index] + self._obstacles[index + 1 :]
                 configs = tuple(each.config for each in kept)
                 self.config = dataclasses.replace(self.config, obstacles=configs)
@@ -537,29 +549,178 @@ class World:
                 f'there is no body or obstacle {name!r}: {unknown_name(name, names)}'
             )
         index = self._index[name]
-        # bodies asleep on top of it must fall
-        low, high = self._boxes()
-        touching = ((low <= high[index]) & (low[index] <= high)).all(axis=1)
-        self._wake(touching)
-        still = np.zeros(3)
-        self._inputs = self._inputs.with_wrench(name, Wrench(still, still, False, 0))
+        self._let_go_of([index], ())
         others = self._bodies[:index] + self._bodies[index + 1 :]
         bodies = tuple(body.config for body in others)
         self.config = dataclasses.replace(self.config, bodies=bodies)
         self._replace_bodies(others)
 
+    def _let_go_of(self, indices: Iterable[int], standing: Iterable[Obstacle]) -> None:
+        """Wake what touches bodies and obstacles that are removed; forget what acts on these."""
+        names = [obstacle.config.name for obstacle in standing]
+        self._wake_near(standing)
+        low, high = self._boxes()
+        for index in indices:
+            # bodies asleep on top of it must fall
+            touching = ((low <= high[index]) & (low[index] <= high)).all(axis=1)
+            self._wake(touching)
+            still = np.zeros(3)
+            names.append(self._bodies[index].config.name)
+            self._inputs = self._inputs.with_wrench(names[-1], Wrench(still, still, False, 0))
+        self._state.contact_memory = without(self._state.contact_memory, names)
+
+    def prepare(
+        self, config: WorldConfig, base: WorldConfig | None = None, lenient: bool = False
+    ) -> PreparedConfig:
+        """
+        Load what `adopt` needs to use a config; the world stays as it is.
+
+        Parameters
+        ----------
+        config : WorldConfig
+            those of its bodies and obstacles that are new come last, whatever their order
+        base : WorldConfig, optional
+            the config that it is to replace, by default the present one
+        lenient : bool
+            see `configure`
+
+        Raises
+        ------
+        ConfigError, MeshError
+            with one sentence that says what to change.
+
+        """
+        base = self.config if base is None else base
+        _require_same_settings(base, config)
+        config = dataclasses.replace(
+            config,
+            bodies=shared(in_order(config.bodies, base.bodies), base.bodies),
+            obstacles=shared(in_order(config.obstacles, base.obstacles), base.obstacles),
+        )
+        known = {_structure(item): item for item in base.items}
+        nbytes = BYTES * (
+            1 + sum(known.get(_structure(item)) is not item for item in config.items)
+        )
+        shapes: dict[str, Shape] = {}
+        for body in config.bodies:
+            if known.get(_structure(body)) is body:
+                continue
+            shape = self._known_shapes.get(body)
+            if shape is None:
+                shape = self._loaded_shape(body)
+                nbytes += 200 * shape[0].particle_count
+            pinned_particles(body, shape[0])
+            if _structure(body) not in known:
+                shapes[body.name] = shape
+        made = {
+            item.name: obstacles.made(item)
+            for item in config.obstacles
+            if _structure(item) not in known
+        }
+        prepared = PreparedConfig(config, shapes, made, nbytes)
+        if not lenient:
+            self._check_attachments(prepared)
+        return prepared
+
+    def _check_attachments(self, prepared: PreparedConfig) -> None:
+        """Raise ConfigError if a body could not be attached to what a config says."""
+        here = {obstacle.config.name: obstacle for obstacle in self._obstacles}
+        names = [item.name for item in prepared.config.obstacles]
+        standing = here | dict(prepared.obstacles)
+        names = [name for name in names if name in standing]
+        present = [*(standing[name] for name in names), *self._inputs.obstacles]
+        keys: list[ObstacleKey] = [*names, *self._inputs.dynamic_obstacles]
+        for config in prepared.config.bodies:
+            index = self._index.get(config.name)
+            if not config.attach_to:
+                continue
+            if config.name in prepared.shapes or index is None:
+                shape = prepared.shapes.get(config.name) or self._shape_of(config)
+                x, rest = _start_positions(config, shape[0]).T, shape[0]
+            elif config.attachment != self._bodies[index].config.attachment:
+                x, rest = self._state.positions(index).T, self._bodies[index].rest
+            else:
+                continue
+            attachments.attach(config, rest, x, present, keys)
+
+    def adopt(self, prepared: PreparedConfig) -> None:
+        """
+        Use a config from the next tick on: add and remove bodies and obstacles, then `configure`.
+
+        New bodies begin at their start poses. Those that stay keep their order and their state.
+        """
+        wanted = {_structure(item): item for item in prepared.config.items}
+        present = {_structure(item) for item in self.config.items}
+        if wanted.keys() != present:
+            self._exchange(prepared, wanted, present)
+        self.configure(
+            dataclasses.replace(
+                prepared.config,
+                bodies=in_order(prepared.config.bodies, self.config.bodies),
+                obstacles=in_order(prepared.config.obstacles, self.config.obstacles),
+            ),
+            lenient=True,
+        )
+
+    def _exchange(
+        self, prepared: PreparedConfig, wanted: Mapping[tuple, Any], present: set[tuple]
+    ) -> None:
+        """Remove bodies and obstacles that are not wanted, and add those that are not present."""
+        bodies = [body for body in self._bodies if _structure(body.config) in wanted]
+        standing = [item for item in self._obstacles if _structure(item.config) in wanted]
+        new_bodies = []
+        for config in prepared.config.bodies:
+            if _structure(config) not in present:
+                shape = prepared.shapes.get(config.name) or self._shape_of(config)
+                new_bodies.append(Body(config, *shape, pins=make_pins(config, shape[0])))
+        new_obstacles = [
+            prepared.obstacles.get(config.name) or obstacles.made(config)
+            for config in prepared.config.obstacles
+            if _structure(config) not in present
+        ]
+        gone = [
+            index
+            for index, body in enumerate(self._bodies)
+            if _structure(body.config) not in wanted
+        ]
+        self._let_go_of(
+            gone, [item for item in self._obstacles if _structure(item.config) not in wanted]
+        )
+        bodies, standing = bodies + new_bodies, standing + new_obstacles
+        self.config = dataclasses.replace(
+            self.config,
+            bodies=tuple(body.config for body in bodies),
+            obstacles=tuple(item.config for item in standing),
+        )
+        self._set_obstacles(tuple(standing))
+        if gone or new_bodies:
+            self._replace_bodies(bodies)
+        added = range(len(bodies) - len(new_bodies), len(bodies))
+        for index in added:
+            self._reset_body(index)
+        self._attach(added)
+        self._wake_near(new_obstacles)
+
     def _make_body(self, config: BodyConfig) -> Body:
         """Return a body, which shares its rest shape with others of the same mesh."""
+        rest, regions = self._shape_of(config)
+        return Body(config, rest, regions, make_pins(config, rest))
+
+    def _shape_of(self, config: BodyConfig) -> Shape:
         key = _shape_key(config)
         if key not in self._shapes:
-            rest = _rest_shape_of(config)
-            self._shapes[key] = rest, _regions_of(config, rest)
-        body = Body(config, *self._shapes[key])
-        body.pins = make_pins(config, body.rest)
-        return body
+            self._shapes[key] = self._loaded_shape(config)
+        return self._shapes[key]
+
+    def _loaded_shape(self, config: BodyConfig) -> Shape:
+        rest = _rest_shape_of(config)
+        shape = rest, _regions_of(config, rest)
+        self._known_shapes.put(config, shape)
+        return shape
 
     def _build(self) -> None:
         """Build the arrays for the present bodies."""
+        self.rebuilds += 1
         self._index = {body.config.name: index for index, body in enumerate(self._bodies)}
         self._shapes = {
             _shape_key(body.config): (body.rest, body.regions) for body in self._bodies
@@ -624,10 +785,18 @@ class World:
         configs = {_structure(config): config for config in self.config.obstacles}
         bodies = {_structure(body.config): body for body in snapshot.bodies}
         present = {_structure(saved.config): saved.config for saved in snapshot.obstacles}
-        others = list(bodies) != list(now)
+        chosen = []
+        for key, body in bodies.items():
+            same = now.get(key)
+            if same is None:
+                same = dataclasses.replace(body)
+            elif same.rest is not body.rest or same.regions is not body.regions:
+                # it has been removed and added again since, perhaps with another mesh file
+                same = dataclasses.replace(body, config=same.config)
+            chosen.append(same)
+        others = [id(body) for body in chosen] != [id(body) for body in self._bodies]
         if not others and list(present) == list(configs):
             return
-        chosen = [now.get(key, dataclasses.replace(body)) for key, body in bodies.items()]
         self.config = dataclasses.replace(
             self.config,
             bodies=tuple(body.config for body in chosen),
@@ -1033,13 +1202,7 @@ class World:
 
         Those that the given config, of another time, contains as well get its parameters.
         """
-        known: dict[tuple, Any] = {_structure(body): body for body in config.bodies}
-        known |= {_structure(item): item for item in config.obstacles}
-        return dataclasses.replace(
-            config,
-            bodies=tuple(known.get(_structure(body), body) for body in self.config.bodies),
-            obstacles=tuple(known.get(_structure(item), item) for item in self.config.obstacles),
-        )
+        return with_structure(config, self.config)
 
     def body_config(self, name: str) -> BodyConfig:
         """Return the config of a body."""
@@ -1195,6 +1358,11 @@ class World:
         """Return the rest shape of a body."""
         return self._bodies[self._index_of(name)].rest
 
+    def start_positions(self, name: str) -> np.ndarray:
+        """Return (n, 3) float: the positions to which `reset` takes a body, m."""
+        body = self._bodies[self._index_of(name)]
+        return _start_positions(body.config, body.rest).T
+
     def positions(self, name: str) -> np.ndarray:
         """Return (n, 3) float: a copy of the positions, m."""
         return self._state.positions(self._index_of(name)).T.copy()
@@ -1227,6 +1395,21 @@ class World:
         if name not in self._index:
             raise ConfigError(f'there is no body {name!r}: {unknown_name(name, self.names)}')
         return self._index[name]
+
+
+def with_structure(config: WorldConfig, structure: WorldConfig) -> WorldConfig:
+    """Return a config with the bodies and obstacles of another one, with its own parameters."""
+    known: dict[tuple, Any] = {_structure(item): item for item in config.items}
+    return dataclasses.replace(
+        config,
+        bodies=tuple(known.get(_structure(body), body) for body in structure.bodies),
+        obstacles=tuple(known.get(_structure(item), item) for item in structure.obstacles),
+    )
+
+
+def same_structure(one: WorldConfig, other: WorldConfig) -> bool:
+    """Whether two configs have the same bodies and obstacles, in the same order."""
+    return [_structure(item) for item in one.items] == [_structure(item) for item in other.items]
 
 
 def _rest_shape_of(body: BodyConfig) -> RestShape:
@@ -1282,22 +1465,31 @@ def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
 
 
 def _require_same_structure(old: WorldConfig, new: WorldConfig) -> None:
-    def read_only(config: WorldConfig) -> Mapping[str, object]:
-        values: dict[str, object] = {}
-        for item in (config, *config.bodies, *config.obstacles):
-            for field, dotted, facts in settings(item):
-                if facts.read_only:
-                    values[item.prefix + dotted] = getattr(item, field)
-        return values
+    def names(config: WorldConfig) -> list[list[str]]:
+        return [[item.name for item in items] for items in (config.bodies, config.obstacles)]
 
-    before, after = read_only(old), read_only(new)
-    if list(before) != list(after):
+    if names(old) != names(new):
         raise ConfigError(
             'bodies and obstacles are added and removed by World.add and World.remove, not here'
         )
-    for name, value in before.items():
-        if value is not after[name] and value != after[name]:
-            raise ConfigError(f'{name} is {value!r} and cannot change: make a new World')
+    _require_same_settings(old, new)
+
+
+def _require_same_settings(old: WorldConfig, new: WorldConfig) -> None:
+    """Raise ConfigError if a read-only setting of something that stays differs."""
+
+    def read_only(config: WorldConfig) -> Mapping[tuple[type, str], object]:
+        values: dict[tuple[type, str], object] = {}
+        for item in (config, *config.items):
+            for field, dotted, facts in settings(item):
+                if facts.read_only:
+                    values[type(item), item.prefix + dotted] = getattr(item, field)
+        return values
+
+    before = read_only(old)
+    for key, value in read_only(new).items():
+        if key in before and value is not before[key] and value != before[key]:
+            raise ConfigError(f'{key[1]} is {before[key]!r} and cannot change: make a new World')
 
 
 def _structure(config: BodyConfig | ObstacleConfig) -> tuple:

@@ -46,7 +46,7 @@ topics that act on it: ~/obstacles, ~/obstacle_points, ~/wrench, ~/poke, ~/gravi
 services: ~/reset, ~/apply_initial_velocity, ~/pause, ~/step
 
 parameters, most of which change while it runs ('ball' and 'ground' are names):
-  bodies, obstacles    the names of what is in the scene
+  bodies, obstacles    the names of what is in the scene: set them to add and remove
   ball.mesh            with .size and .subdivisions: what it is; .color
   ball.position        and .orientation, .initial_velocity: how it starts
   ball.mode            rigid, linear or quadratic; .stiffness, .bounciness, .deformation,
@@ -89,16 +89,16 @@ def where_to_look(
         the names of the cloud and of the surfaces
 
     """
-    first = next(iter(vertices))
+    example = f'{next(iter(vertices))}.stiffness 0.1' if vertices else "bodies '[ball]'"
     bodies = ', '.join(f'{name} ({count} vertices)' for name, count in vertices.items())
     if len(vertices) > MOST_BODIES:
         bodies = f'{len(vertices)} bodies ({sum(vertices.values())} vertices)'
     return '\n'.join(
         [
-            f'simulating {bodies} on {clock}',
+            f'simulating {bodies or "no bodies"} on {clock}',
             f'  see it    {_ways_to_see(node)}',
             f'  use it    {topics[0]} (PointCloud2), {topics[1]} (Marker)',
-            f'  steer it  ros2 param set {node} {first}.stiffness 0.1',
+            f'  steer it  ros2 param set {node} {example}',
             f'  learn     {_command("sim_node")} --help',
         ]
     )

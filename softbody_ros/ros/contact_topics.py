@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -14,6 +14,7 @@ from rclpy.publisher import Publisher
 from softbody_ros.core import MeanWrenches, World
 from softbody_ros.core.contact_forces import ContactWrench, ObstacleKey
 from softbody_ros.ros import messages
+from softbody_ros.ros.publishers import Publishers
 
 IDENTITY = np.eye(3)
 
@@ -33,32 +34,57 @@ class ContactTopics:
     Parameters
     ----------
     world : World
-    publisher : callable
-        returns a publisher of messages of a type on a topic, with a queue of some depth
+    publishers : Publishers
 
     """
 
-    def __init__(self, world: World, publisher: Callable[[type, str, int], Publisher]) -> None:
-        self._world, self._means = world, MeanWrenches(world)
+    def __init__(self, world: World, publishers: Publishers) -> None:
+        self._world, self._publishers, self._means = world, publishers, MeanWrenches(world)
         # no name is that of a body and of an obstacle; of pins: with their topic
         self._was_in_contact: dict[ObstacleKey | tuple[str, str], bool] = {}
-        names = [obstacle.config.name for obstacle in world.obstacles]
+        self._body: dict[str, Publisher] = {}
+        self._pin: dict[str, Publisher] = {}
+        self._obstacle: dict[str, Publisher] = {}
+        self._bodies = publishers.for_each(WrenchStamped, '~/contacts', len(world.names))
+        self._pins = publishers.for_each(WrenchStamped, '~/pins', len(world.names))
+        self._obstacles = publishers.for_each(
+            WrenchStamped, '~/obstacle_contacts', len(world.config.obstacles)
+        )
+        self.update()
 
-        def all_and_own(topic: str, names: list[str]) -> tuple[Publisher, dict[str, Publisher]]:
-            # one message for each of them: a shallower queue would drop some
-            every = publisher(WrenchStamped, topic, max(10, 2 * len(names)))
-            return every, {name: publisher(WrenchStamped, f'{topic}/{name}', 10) for name in names}
+    def update(self) -> None:
+        """Have topics for the bodies and obstacles that there are now."""
+        names = self._world.names
+        if len(names) != len(self._body) or any(name not in self._body for name in names):
+            self._bodies = self._publishers.deepened(self._bodies, len(names))
+            self._pins = self._publishers.deepened(self._pins, len(names))
+            self._renew(self._body, '~/contacts', names)
+            self._renew(self._pin, '~/pins', names)
+        obstacles = self._world.config.obstacles
+        if len(obstacles) != len(self._obstacle) or any(
+            obstacle.name not in self._obstacle for obstacle in obstacles
+        ):
+            self._obstacles = self._publishers.deepened(self._obstacles, len(obstacles))
+            self._renew(
+                self._obstacle, '~/obstacle_contacts', [obstacle.name for obstacle in obstacles]
+            )
 
-        self._bodies, self._body = all_and_own('~/contacts', list(world.names))
-        self._pins, self._pin = all_and_own('~/pins', list(world.names))
-        self._obstacles, self._obstacle = all_and_own('~/obstacle_contacts', names)
+    def _renew(self, own: dict[str, Publisher], topic: str, names: Sequence[str]) -> None:
+        for name in own.keys() - set(names):
+            self._publishers.destroy(own.pop(name))
+            self._was_in_contact.pop(name, None)
+            self._was_in_contact.pop(('pins', name), None)
+        for name in names:
+            if name not in own:
+                own[name] = self._publishers.make(WrenchStamped, f'{topic}/{name}')
 
     def publish(self, stamp: int, frame_id: str) -> None:
         """Publish what is listened to; `frame_id` is that of the world, `stamp` in ns."""
+        self.update()
         world, means = self._world, self._means
         every, every_pin = _heard(self._bodies), _heard(self._pins)
-        for name, own in self._body.items():
-            listeners = every + _heard(own)
+        for name in world.names:
+            listeners = every + _heard(self._body[name])
             wrench = self._due(name, name, listeners, means.contact_wrench, world.contact_wrench)
             _send(listeners, stamp, frame_id, IDENTITY, wrench)
             listeners = every_pin + _heard(self._pin[name])

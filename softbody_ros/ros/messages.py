@@ -9,7 +9,7 @@ lists of message objects is a thousand times slower. Small ones are returned as 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 import struct
 from typing import Any, NamedTuple
@@ -37,6 +37,8 @@ POINT_FIELDS = (
     ('body', PointField.UINT32),
     ('pressure', PointField.FLOAT32),
 )
+NUMBER_IN_POINTS = ' number in ~/points'
+"""After the name of a body, in the diagnostics: its number in the field `body`."""
 POINT_TYPE = np.dtype([(name, '<f4' if kind == PointField.FLOAT32 else '<u4')
                        for name, kind in POINT_FIELDS])  # fmt: skip
 
@@ -68,7 +70,10 @@ def _raw(array: np.ndarray) -> memoryview:
     return array.reshape(-1).view(np.uint8).data
 
 
-def points_array(bodies: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+def points_array(
+    bodies: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    numbers: Iterable[int] | None = None,
+) -> np.ndarray:
     """
     Return the particles of all bodies, in order, as records of `POINT_TYPE`.
 
@@ -76,14 +81,17 @@ def points_array(bodies: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) ->
     ----------
     bodies : sequence of ((n, 3) float, (n,) float, (n,) float)
         positions and displacements, m, and pressures, Pa
+    numbers : iterable of int, optional
+        of each body, by default from 0 on
 
     """
     records = np.empty(sum(len(positions) for positions, _, _ in bodies), POINT_TYPE)
     start = 0
-    for index, (positions, displacement, pressure) in enumerate(bodies):
+    numbers = range(len(bodies)) if numbers is None else numbers
+    for number, (positions, displacement, pressure) in zip(numbers, bodies, strict=True):
         rows = records[start : start + len(positions)]
         rows['x'], rows['y'], rows['z'] = positions.T
-        rows['displacement'], rows['body'], rows['pressure'] = displacement, index, pressure
+        rows['displacement'], rows['body'], rows['pressure'] = displacement, number, pressure
         start += len(positions)
     return records
 
@@ -132,6 +140,14 @@ def serialized_marker(
     points = np.ascontiguousarray(corners, dtype='<f8')
     begin = _stamped(stamp, head)
     return b''.join([begin, _IDENTITY_POSE, shape, _raw(points), _marker_end()])
+
+
+def deletion(stamp: int, frame_id: str, namespace: str) -> Marker:
+    """Return a visualization_msgs/Marker that removes that of `serialized_marker`."""
+    marker = Marker(ns=namespace, action=Marker.DELETE)
+    marker.header.stamp, marker.header.frame_id = time_message(stamp), frame_id
+    marker.pose.orientation.w = 1.0
+    return marker
 
 
 # A marker consists, after its stamp, of head, pose, shape, corners, end. Only the padding of the

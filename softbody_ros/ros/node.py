@@ -16,17 +16,13 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
-from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
@@ -41,11 +37,13 @@ from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
 from softbody_ros.ros.body_frames import BodyFrames
 from softbody_ros.ros.contact_topics import ContactTopics
 from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
+from softbody_ros.ros.publishers import Publishers
+from softbody_ros.ros.scene_parameters import SceneParameters
 from softbody_ros.ros.simulation_interfaces import Simulation
 from softbody_ros.ros.spinning import spin
 from softbody_ros.ros.subscribers import InputTopics
 from softbody_ros.ros.viewer_process import viewer_of
-from softbody_ros.scene import parameters
+from softbody_ros.scene.parameters import Scene
 from softbody_ros.timeline.stepper import MEBIBYTE, Stepper
 
 SHORTEST_PERIOD = 0.004
@@ -66,13 +64,11 @@ class SimNode(Node):
     NAME = 'softbody_sim'
 
     def __init__(self, **node_arguments: Any) -> None:
-        super().__init__(self.NAME, **node_arguments)
-        self._values = self._override_values()
-        self._scene = parameters.make_scene(self._values)
+        # names of parameters are checked by the scene
+        super().__init__(self.NAME, allow_undeclared_parameters=True, **node_arguments)
+        self._parameters_of_scene = SceneParameters(self)
         self._world = World(self._scene.world)
-        self._stepper = Stepper(self._world, self._rates())
-        self._stepper.time_scale = self._scene.node.time_scale
-        self._stepper.history.memory = self._history_bytes()
+        self._stepper = Stepper(self._world, {})
         self._failure = ''
         self._jumped_back = self._clock_changed = False
         self._first_clock = 0
@@ -80,88 +76,45 @@ class SimNode(Node):
         self._after_slice: Future | None = None
         self._publish_seconds = 0.0
 
-        self._declare_parameters()
+        self._numbers: dict[str, int] = {}
+        self._parameters_of_scene.offer(self._stepper, self._use_parameters)
+        self._use_parameters()
         self._create_publishers()
         self._create_services()
         self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node)
         self._gravity_source = self._inputs.gravity_source
-        self._publish_rest_mesh()
+        self._describe_bodies(0)
         self._obstacle_markers = ObstacleMarkers(self, self._stepper, self._frame_id)
         self._world.load_kernels()
         self._start_clocks()
         self._announce()
 
     # -------------------------------------------------------------------------------- parameters
-    def _override_values(self) -> dict[str, Any]:
-        """Return the values from YAML files and the command line that are this node's."""
-        # rclpy has no public access to overrides of undeclared parameters
-        overrides = {name: item.value for name, item in self._parameter_overrides.items()}
-        values, unknown = parameters.known_values(overrides)
-        for name, hint in unknown.items():
-            self.get_logger().warning(f'parameter {name} is unknown and ignored: {hint}')
-        return values
+    @property
+    def _scene(self) -> Scene:
+        return self._parameters_of_scene.scene
 
-    def _declare_parameters(self) -> None:
-        lists = parameters.scene_lists(self._values)
-        self._known = parameters.table(lists)
-        self._values |= {'bodies': lists.bodies, 'obstacles': lists.obstacles}
-        for name, facts in self._known.items():
-            value = parameters.as_parameter(self._values.get(name, facts.default), facts)
-            self._values[name] = value
-            self.declare_parameter(name, value, messages.descriptor(facts), ignore_override=True)
-        self.add_pre_set_parameters_callback(self._promote_integers)
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._use_parameters)
-
-    def _promote_integers(self, proposed: list[Parameter]) -> list[Parameter]:
-        return [
-            Parameter(item.name, value=parameters.promoted(item.value, self._known[item.name]))
-            if item.name in self._known
-            else item
-            for item in proposed
-        ]
-
-    def _proposed_values(self, proposed: list[Parameter]) -> dict[str, Any]:
-        own = {item.name: item.value for item in proposed if item.name in self._known}
-        return self._values | own
-
-    def _check_parameters(self, proposed: list[Parameter]) -> SetParametersResult:
-        try:
-            scene = parameters.make_scene(self._proposed_values(proposed))
-            self._world.check(scene.world)
-        except (ConfigError, MeshError) as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def _use_parameters(self, accepted: list[Parameter]) -> None:
-        self._values = self._proposed_values(accepted)
-        self._scene = parameters.make_scene(self._values)
-        self._stepper.configure(self._scene.world)
-        self._stepper.history.memory = self._history_bytes()
-        self._stepper.set_time_scale(self._scene.node.time_scale, self._now())
-        self._stepper.rates = self._rates()
-
-    def _history_bytes(self) -> float:
-        return self._scene.node.history_memory * MEBIBYTE
-
-    def _rates(self) -> dict[str, float]:
-        return {'points': self._scene.node.points_rate, 'mesh': self._scene.node.mesh_rate}
+    def _use_parameters(self) -> None:
+        """Use the settings of the node, and number new bodies: a name keeps its number."""
+        for body in self._scene.world.bodies:
+            self._numbers.setdefault(body.name, len(self._numbers))
+        settings = self._scene.node
+        self._stepper.history.memory = settings.history_memory * MEBIBYTE
+        self._stepper.set_time_scale(settings.time_scale, self._now())
+        self._stepper.rates = {'points': settings.points_rate, 'mesh': settings.mesh_rate}
 
     # -------------------------------------------------------------------------------- interfaces
     def _create_publishers(self) -> None:
-        def publisher(kind: type, topic: str, depth: int) -> Publisher:
-            events = PublisherEventCallbacks(matched=self._on_match)
-            return self.create_publisher(kind, topic, depth, event_callbacks=events)
-
-        bodies = len(self._world.names)
-        self._points = publisher(PointCloud2, '~/points', 10)
-        # one message per body and frame: a shallower queue would drop parts of a frame
-        self._mesh = publisher(Marker, '~/mesh', max(10, 2 * bodies))
-        self._odometry = publisher(Odometry, '~/odometry', max(10, 2 * bodies))
-        self._contacts = ContactTopics(self._world, publisher)
+        count = len(self._world.names)
+        self._outputs = Publishers(self, self._on_match)
+        self._points = self._outputs.make(PointCloud2, '~/points')
+        self._mesh = self._outputs.for_each(Marker, '~/mesh', count)
+        self._odometry = self._outputs.for_each(Odometry, '~/odometry', count)
+        self._contacts = ContactTopics(self._world, self._outputs)
         self._frames = BodyFrames(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
+        self._described: tuple[str, ...] = ()
 
     def _create_services(self) -> None:
         self.create_service(Trigger, '~/reset', self._reset)
@@ -183,6 +136,7 @@ class SimNode(Node):
     def _restarted(self) -> None:
         """Reset the bodies; resume if a failure had paused the simulation."""
         self._stepper.reset(self._now())
+        self._parameters_of_scene.follow()
         if self._failure:
             self._failure = ''
             self._stepper.pause(self._paused_before_failure, self._now())
@@ -274,7 +228,10 @@ class SimNode(Node):
         return self._follows_clock() and self._now() == 0
 
     def _drive(self) -> None:
+        self._parameters_of_scene.settle()
         self._advance()
+        self._parameters_of_scene.follow()
+        self._contacts.update()
         self._obstacle_markers.update(due=False)
 
     def _advance(self) -> None:
@@ -328,6 +285,9 @@ class SimNode(Node):
         """Publish the outputs that are due; nothing is packed for topics without subscribers."""
         begin = time.perf_counter()
         stamp = self._stamp()
+        self._parameters_of_scene.follow()
+        if self._world.rebuilds != self._described_rebuilds:
+            self._describe_bodies(stamp)
         fit = cache(self._world.rigid_fit)
         positions = cache(self._world.positions)
         if 'points' in outputs and self._points.get_subscription_count():
@@ -355,7 +315,8 @@ class SimNode(Node):
             [
                 (positions(name), fit(name).displacement, self._world.pressure(name))
                 for name in self._world.names
-            ]
+            ],
+            [self._numbers[name] for name in self._world.names],
         )
         self._points.publish(messages.serialized_cloud(stamp, self._frame_id, records))
 
@@ -369,15 +330,24 @@ class SimNode(Node):
                 messages.serialized_marker(stamp, self._frame_id, name, color, corners)
             )
 
-    def _publish_rest_mesh(self) -> None:
-        vertices, faces, first = [], [], 0
-        for name in self._world.names:
-            vertices.append(self._world.positions(name))
+    def _describe_bodies(self, stamp: int) -> None:
+        """Say which bodies there are: delete the markers of the gone, publish the rest mesh."""
+        names, count = self._world.names, max(len(self._world.names), len(self._described))
+        self._mesh = self._outputs.deepened(self._mesh, count)
+        self._odometry = self._outputs.deepened(self._odometry, count)
+        if self._mesh.get_subscription_count():
+            for name in self._described:
+                if name not in names:
+                    self._mesh.publish(messages.deletion(stamp, self._frame_id, name))
+        vertices, faces, first = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
+        for name in names:
+            vertices.append(self._world.start_positions(name))
             faces.append(self._world.rest_shape(name).surface.faces + first)
             first += len(vertices[-1])
         self._rest_mesh.publish(
             messages.serialized_mesh(np.concatenate(vertices), np.concatenate(faces))
         )
+        self._described, self._described_rebuilds = names, self._world.rebuilds
 
     @property
     def _frame_id(self) -> str:
@@ -442,6 +412,7 @@ class SimNode(Node):
                 f'gravity is now {values["gravity (m/s²)"]} m/s², from {self._gravity_source}'
             )
         for body in self._world.config.bodies:
+            values[body.name + messages.NUMBER_IN_POINTS] = str(self._numbers[body.name])
             omega = natural_frequency(body.stiffness, self._world.config.reference_step)
             values[f'{body.name} frequency (Hz)'] = f'{omega / (2 * np.pi):.3f}'
             values[f'{body.name} asleep'] = str(self._world.is_asleep(body.name)).lower()

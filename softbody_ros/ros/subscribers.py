@@ -174,7 +174,8 @@ class InputTopics:
         )
 
     def _wrench(self, message: WrenchStamped, settings: NodeConfig) -> str:
-        wrench = message_parsing.wrench(message, settings.frame_id, self._world.names)
+        names = [body.name for body in self._stepper.config.bodies]
+        wrench = message_parsing.wrench(message, settings.frame_id, names)
         self._act(
             World.apply_wrench,
             BYTES_PER_ACTION,
@@ -190,6 +191,8 @@ class InputTopics:
         point = message_parsing.poked_point(message, settings.frame_id)
         if not self._stepper.replaying:
             name, distance = self._world.nearest(point)
+            if not name:
+                return 'there is no body'
             if distance >= settings.poke_radius:
                 return (
                     f'nothing is within {settings.poke_radius:g} m: the nearest vertex is '

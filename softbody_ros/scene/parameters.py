@@ -9,14 +9,16 @@ the config of the core and the README table (`python3 -m softbody_ros.scene.para
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 import dataclasses
 from dataclasses import dataclass
+import difflib
 import numbers
 import os
 from typing import Any, TypeVar
 
 from softbody_ros.core.config import (
+    NAME_PATTERN,
     BodyConfig,
     Checked,
     ConfigError,
@@ -24,6 +26,7 @@ from softbody_ros.core.config import (
     Setting,
     WorldConfig,
     checked,
+    require_distinct,
     setting,
     settings,
     unknown_name,
@@ -32,6 +35,9 @@ from softbody_ros.installed_files import share_directory
 
 FOREIGN_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 """Prefixes of parameters that every node has, which are not part of the scene."""
+
+MISSPELT = 0.8
+"""Similarity of names (difflib) from which on one is taken for a misspelt other one."""
 
 _HasMesh = TypeVar('_HasMesh', BodyConfig, ObstacleConfig)
 
@@ -116,10 +122,20 @@ class Appearance(Checked):
 class SceneLists(Checked):
     """Names of the bodies and obstacles, which prefix their parameters."""
 
-    bodies: tuple[str, ...] = setting(('ball',), 'names of the bodies', read_only=True, items=str)
+    bodies: tuple[str, ...] = setting(
+        ('ball',), 'names of the bodies, in any order; what is new is added, what is left out '
+        'removed; [] for none', items=str,
+    )  # fmt: skip
     obstacles: tuple[str, ...] = setting(
-        ('ground',), 'names of the obstacles; [] for none', read_only=True, items=str
+        ('ground',), 'names of the obstacles, likewise', items=str
     )
+
+
+BODY_TABLE = {
+    dotted: facts for config in (BodyConfig, Appearance) for _, dotted, facts in settings(config)
+}
+OBSTACLE_TABLE = {dotted: facts for _, dotted, facts in settings(ObstacleConfig)}
+"""`Setting` of each parameter of a body, and of an obstacle, without the name of it."""
 
 
 @dataclass(frozen=True)
@@ -133,15 +149,13 @@ class Scene:
 
 def table(lists: SceneLists) -> dict[str, Setting]:
     """Return name and `Setting` of each parameter, in the order of the documentation."""
-    configs: list[tuple[str, type]] = [('', NodeConfig), ('', WorldConfig), ('', SceneLists)]
+    configs = (NodeConfig, WorldConfig, SceneLists)
+    result = {dotted: facts for config in configs for _, dotted, facts in settings(config)}
     for name in lists.bodies:
-        configs += [(f'{name}.', BodyConfig), (f'{name}.', Appearance)]
-    configs += [(f'{name}.', ObstacleConfig) for name in lists.obstacles]
-    return {
-        prefix + dotted: facts
-        for prefix, config in configs
-        for _, dotted, facts in settings(config)
-    }
+        result |= {f'{name}.{dotted}': facts for dotted, facts in BODY_TABLE.items()}
+    for name in lists.obstacles:
+        result |= {f'{name}.{dotted}': facts for dotted, facts in OBSTACLE_TABLE.items()}
+    return result
 
 
 def scene_lists(values: Mapping[str, Any]) -> SceneLists:
@@ -151,8 +165,7 @@ def scene_lists(values: Mapping[str, Any]) -> SceneLists:
         value = values.get(dotted, facts.default)
         items = checked(dotted, () if value is None else value, facts)
         names[field] = tuple(name for name in items if name)
-    if not names['bodies']:
-        raise ConfigError('bodies is []: name at least one body, for example [ball]')
+    require_distinct([name for items in names.values() for name in items])
     return SceneLists(**names)
 
 
@@ -170,7 +183,7 @@ def known_values(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
     Raises
     ------
     ConfigError
-        if `bodies` or `obstacles` is not a list of names.
+        if `bodies` or `obstacles` is not a list of names, or one is used twice.
 
     """
     lists = scene_lists(given)
@@ -251,6 +264,61 @@ def mesh_path(mesh: str) -> str:
         raise ConfigError(
             f'mesh {mesh}: package {package!r} is not installed, or its workspace is not sourced'
         ) from None
+
+
+def values_of(config: BodyConfig | ObstacleConfig) -> dict[str, Any]:
+    """Return the parameter values of a body or an obstacle, by name; `make_scene` undoes it."""
+    return {
+        config.prefix + dotted: as_parameter(getattr(config, field), facts)
+        for field, dotted, facts in settings(config)
+    }
+
+
+def start_value(name: str, value: Any, known: Collection[str]) -> Any:
+    """
+    Check a value that is set before its body or obstacle is there.
+
+    Parameters
+    ----------
+    name : str
+        of the parameter, which is none of those that are known
+    value : Any
+    known : collection of str
+        the names of all parameters
+
+    Returns
+    -------
+    Any
+        the value, integers promoted to floats
+
+    Raises
+    ------
+    ConfigError
+        if it cannot be that of a body or an obstacle, or its name looks misspelt.
+
+    """
+    owner, _, dotted = name.partition('.')
+    taken = {each.split('.')[0] for each in known}
+    tables = [table[dotted] for table in (BODY_TABLE, OBSTACLE_TABLE) if dotted in table]
+    # ball_2 beside ball is no slip of the hand
+    others = [each for each in taken if _stem(each) != _stem(owner)]
+    misspelt = difflib.get_close_matches(owner, others, n=1, cutoff=MISSPELT)
+    if owner in taken or misspelt or not tables or not NAME_PATTERN.fullmatch(owner):
+        near = [each for each in known if each.startswith(f'{owner}.')] or list(known)
+        if not misspelt and owner not in taken and dotted:
+            near = [f'{owner}.{each}' for each in {**BODY_TABLE, **OBSTACLE_TABLE}]
+        raise ConfigError(f'unknown parameter {name}: {unknown_name(name, near)}')
+    refusals = []
+    for facts in tables:
+        try:
+            return as_parameter(checked(name, promoted(value, facts), facts), facts)
+        except ConfigError as refusal:
+            refusals.append(refusal)
+    raise refusals[0]
+
+
+def _stem(name: str) -> str:
+    return name.rstrip('0123456789').rstrip('_')
 
 
 def promoted(value: Any, facts: Setting) -> Any:

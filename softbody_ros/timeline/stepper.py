@@ -5,12 +5,15 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
+from contextlib import suppress
+import dataclasses
 from dataclasses import dataclass
 import math
 import time
 
-from softbody_ros.core import World, WorldConfig
+from softbody_ros.core import ConfigError, PreparedConfig, World, WorldConfig
+from softbody_ros.core.world import same_structure, with_structure
 from softbody_ros.timeline.history import Action, History, LoggedAction
 
 SLICE = 0.02
@@ -57,6 +60,17 @@ class Segment:
         return tick + 1 if self.time_of(tick + 1) <= now else tick
 
 
+@dataclass(frozen=True, eq=False)
+class Adoption:
+    """The action that a world uses a config, whose bodies and obstacles may be others."""
+
+    prepared: PreparedConfig
+
+    def __call__(self, world: World) -> None:
+        """Act on a world."""
+        world.adopt(self.prepared)
+
+
 class Stepper:
     """
     Steps a world along a clock in whole ticks, however the calls are timed.
@@ -64,7 +78,8 @@ class Stepper:
     Times of the clock are integer nanoseconds. Ticks map to times in segments: a pause, a reset,
     another speed and dropped time begin a new one. When the clock goes back, so does the world, to
     the state of the tick that belonged to that time, bit by bit, including all actions until then;
-    later actions are undone.
+    later actions are undone. So bodies and obstacles are those of that time; what is there now as
+    well has the parameters of now.
 
     Parameters
     ----------
@@ -156,26 +171,58 @@ class Stepper:
                 self._deferred.pop(0)
             return
         action(self.world)
+        self._config = self.world.config
         self.history.log(self.world.tick, action, nbytes)
 
-    def configure(self, config: WorldConfig) -> None:
+    @property
+    def config(self) -> WorldConfig:
+        """The config in force; during a replay that at its end, where inputs wait for it."""
+        return self._config
+
+    def prepare(self, config: WorldConfig, renewable: Container[str] = ()) -> PreparedConfig:
         """
-        Use other parameters from the current tick on.
+        Check a config, whose bodies and obstacles may be others, and load what is new in it.
+
+        Parameters
+        ----------
+        config : WorldConfig
+        renewable : container of str
+            names of those that may have other read-only settings: they begin anew then
 
         Raises
         ------
-        ConfigError
-            if they are invalid; nothing has changed then.
+        ConfigError, MeshError
+            if it cannot be used.
 
         """
-        self.world.check(config)
-        self._config = config
-        if not self.replaying:
-            self._act_configure(config)
+        base = dataclasses.replace(
+            self._config,
+            bodies=tuple(item for item in self._config.bodies if item.name not in renewable),
+            obstacles=tuple(item for item in self._config.obstacles if item.name not in renewable),
+        )
+        # where what is in reach of an attachment will be then, is not known
+        return self.world.prepare(config, base, lenient=self.replaying)
 
-    def _act_configure(self, config: WorldConfig) -> None:
-        # what an obstacle took hold of then may be elsewhere when this is repeated
-        self.act(lambda world: world.configure(config, lenient=True))
+    def adopt(self, prepared: PreparedConfig) -> None:
+        """Use a config from the current tick on, see `prepare`."""
+        is_change = not same_structure(prepared.config, self._config)
+        self._config = prepared.config
+        if is_change or not self.replaying:
+            self.act(Adoption(prepared), prepared.nbytes)
+        if is_change:
+            self.publish_now()
+
+    def configure(self, config: WorldConfig) -> None:
+        """
+        Use another config from the current tick on.
+
+        Raises
+        ------
+        ConfigError, MeshError
+            if it is invalid; nothing has changed then.
+
+        """
+        self.adopt(self.prepare(config))
 
     def reanchor(self, now: int) -> None:
         """Map the current tick to `now`; the time between is neither simulated nor dropped."""
@@ -247,11 +294,12 @@ class Stepper:
         """
         actions = [logged.action for logged in self._replay]
         for action in actions + [item for item, _ in self._deferred]:
-            action(self.world)
+            _repeat(action, self.world)
         self._replay, self._replay_end, self._deferred = deque(), 0, []
         self._steps_left = 0
         self.world.configure(self.world.adapted(self._config), lenient=True)
         self.world.reset()
+        self._config = self.world.config
         self.history.begin(self.world)
         if self.started:
             self._segments = []
@@ -276,6 +324,7 @@ class Stepper:
             return
         self._replay = self.history.rewind(self.world, tick)
         self._replay_end = tick
+        self._config = self._config_after_replay()
         self._segments = earlier or self._segments[:1]
         if earlier and earlier[-1].period != self._period:
             self.reanchor(now)
@@ -283,15 +332,29 @@ class Stepper:
         if not self.replaying:
             self._end_replay()
 
+    def _config_after_replay(self) -> WorldConfig:
+        """Return the present parameters, of what will be there then."""
+        actions = [logged.action for logged in self._replay]
+        actions += [action for action, _ in self._deferred]
+        adopted = [item.prepared.config for item in actions if isinstance(item, Adoption)]
+        return with_structure(self._config, [self.world.config, *adopted][-1])
+
     def _end_replay(self) -> None:
         """Apply the present parameters, and the inputs deferred during the replay."""
         deferred, self._deferred = self._deferred, []
-        config = self.world.adapted(self._config)
-        if self.world.config != config:
-            self._config = config
-            self._act_configure(config)
+        wanted = self._config
+        self._use_parameters(wanted)
         for action, nbytes in deferred:
-            self.act(action, nbytes)
+            with suppress(ConfigError):  # it is about a body of another time
+                self.act(action, nbytes)
+        self._use_parameters(wanted)
+
+    def _use_parameters(self, config: WorldConfig) -> None:
+        """Let the bodies and obstacles that are there have the parameters of a config."""
+        adapted = self.world.adapted(config)
+        if self.world.config != adapted:
+            self.act(Adoption(self.world.prepare(adapted, lenient=True)))
+        self._config = self.world.config
 
     # ------------------------------------------------------------------------------------ advance
     def advance(self, now: int, drop_overload: bool) -> Iterator[set[str]]:
@@ -341,7 +404,7 @@ class Stepper:
     def _timed_step(self) -> None:
         begin = self._stopwatch()
         while self._replay and self._replay[0].tick == self.world.tick:
-            self._replay.popleft().action(self.world)
+            _repeat(self._replay.popleft().action, self.world)
         replaying = self.replaying
         self.world.step()
         self.history.record(self.world)
@@ -359,3 +422,9 @@ class Stepper:
             and math.floor(tick * h * rate / self.time_scale + 1e-6)
             > math.floor((tick - 1) * h * rate / self.time_scale + 1e-6)
         }
+
+
+def _repeat(action: Action, world: World) -> None:
+    """Repeat an action; older ones may be forgotten, and with them the body that it is about."""
+    with suppress(ConfigError):
+        action(world)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import sys
 import threading
 import time
@@ -31,7 +31,7 @@ from visualization_msgs.msg import MarkerArray
 
 from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
-from softbody_ros.viewer.decoding import Frame, FrameError, Surface
+from softbody_ros.viewer.decoding import Color, Frame, FrameError, Surface
 from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, UNITS, Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
@@ -72,8 +72,11 @@ class Viewer(Node):
         self._asked = -PATIENCE
         self._is_described = self._is_outdated = False
         self._surface: Surface | None = None
-        self._colors: list = []
+        self._colors: dict[str, Color] = {}
+        self._numbers: dict[int, str] = {}
         self._drawn = ''
+        self._drawn_body = np.zeros(0, np.uint32)
+        self._drawn_numbers: list[int] = []
         self._cloud: bytes | None = None
         self._frame: Frame | None = None
         self._last_heard = self._last_answer = -SILENCE
@@ -116,13 +119,15 @@ class Viewer(Node):
         self._cloud, self._last_heard = cloud, time.monotonic()
         self._clouds += 1
 
-    def _take_mesh(self, mesh: bytes) -> None:
+    def _take_mesh(self, mesh: bytes, info: Mapping[str, Any]) -> None:
         try:
             surface = decoding.surface(mesh)
         except FrameError as error:
             self._problem = f'{self._target}/rest_mesh: {error}'
             return
-        if len(surface.vertices) and not surface.is_where(self._surface):
+        # a later one of the same node has other bodies, beside those that are looked at
+        is_first = self._surface is None or info['publication_sequence_number'] in (None, 1)
+        if is_first and len(surface.vertices) and not surface.is_where(self._surface):
             self._view.look_at(surface)
         # after an earlier one: a new node of this name may have other parameters
         self._is_outdated = self._surface is not None
@@ -137,6 +142,7 @@ class Viewer(Node):
                 self._last_heard = time.monotonic()
                 self._summary = status.message
                 self._report = {item.key: item.value for item in status.values}
+                self._numbers = decoding.numbers_of_bodies(self._report)
                 if self._last_heard - self._last_answer >= IN_FLIGHT:
                     self._panel.paused(status.message.startswith('paused'))
 
@@ -158,13 +164,12 @@ class Viewer(Node):
         frame = self._frame
         if frame is None or self._surface is None or not self._surface.fits(frame):
             return
-        bodies = int(frame.body.max(initial=0)) + 1
-        colors = [
-            self._colors[index] if index < len(self._colors) else _palette(index)
-            for index in range(bodies)
-        ]
+        if not np.array_equal(frame.body, self._drawn_body):
+            self._drawn, self._drawn_body = '', frame.body
+        numbers = self._drawn_numbers if self._drawn else np.unique(frame.body).tolist()
+        colors = {number: self._color_of(number) for number in numbers}
         if self._drawn != repr(colors):
-            self._drawn = repr(colors)
+            self._drawn, self._drawn_numbers = repr(colors), numbers
             self._view.set_bodies(self._surface, frame.body, colors)
         coloring = self._panel.coloring
         values = {BY_DISPLACEMENT: frame.displacement, BY_PRESSURE: frame.pressure}.get(coloring)
@@ -176,6 +181,13 @@ class Viewer(Node):
             self._panel.legend(most)
             self._view.show(frame, values, most)
         self._shown += 1
+
+    def _color_of(self, number: int) -> Color:
+        """Return the colour of a body by its number in the clouds."""
+        name = self._numbers.get(number)
+        if name is None and number < len(self._names) and not self._numbers:
+            name = self._names[number]
+        return self._colors.get(name or '', _palette(number))
 
     def _largest(self, values: np.ndarray, coloring: str) -> float:
         """Return the end of the legend: a round number above the recent values."""
@@ -256,7 +268,7 @@ class Viewer(Node):
         self._names = [name for name in values.get('bodies', []) if name]
         obstacles = [name for name in values.get('obstacles', []) if name]
         self._panel.describe(shown, values, self._names, obstacles)
-        self._colors = [_rgba(values.get(f'{name}.color')) for name in self._names]
+        self._colors = {name: _rgba(values.get(f'{name}.color')) for name in self._names}
         self._draw()
 
     def changed(self, name: str, value: Any) -> None:
@@ -264,8 +276,10 @@ class Viewer(Node):
         self._panel.show(name, value)
         body, _, rest = name.partition('.')
         if rest == 'color' and body in self._names:
-            self._colors[self._names.index(body)] = _rgba(value)
+            self._colors[body] = _rgba(value)
             self._draw()
+        # other parameters come and go with them
+        self._is_outdated |= name in ('bodies', 'obstacles')
 
     def refused(self, name: str, reason: str) -> None:
         """Display why the node has rejected a value."""
@@ -314,11 +328,12 @@ class Viewer(Node):
         self._poke.publish(message)
 
 
-def _palette(index: int) -> tuple[int, int, int, int]:
-    return (*decoding.PALETTE[index % len(decoding.PALETTE)], 255)
+def _palette(index: int) -> Color:
+    red, green, blue = decoding.PALETTE[index % len(decoding.PALETTE)]
+    return red, green, blue, 255
 
 
-def _rgba(color: Any) -> tuple[int, int, int, int]:
+def _rgba(color: Any) -> Color:
     if color is None or len(color) != 4:
         return _palette(0)
     red, green, blue, alpha = decoding.to_bytes(color)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import struct
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from sensor_msgs.msg import PointField
 
 from softbody_ros.core.geometry.mesh import vertex_normals
-from softbody_ros.ros.messages import POINT_FIELDS, POINT_TYPE
+from softbody_ros.ros.messages import NUMBER_IN_POINTS, POINT_FIELDS, POINT_TYPE
 
 COLORS = np.array(
     [
@@ -28,6 +28,9 @@ PALETTE = (
     (228, 184, 60), (80, 176, 176), (146, 110, 200), (150, 130, 110),
 )  # fmt: skip
 """Colours of bodies without a colour parameter."""
+
+
+Color = tuple[int, int, int, int]
 
 
 class FrameError(ValueError):
@@ -84,13 +87,20 @@ def frame(cloud: Any) -> Frame:
     if len(cloud.data) < count * layout.itemsize:
         raise FrameError(f'the cloud is cut off: {len(cloud.data)} bytes for {count} points')
     records = np.frombuffer(cloud.data, layout, count)
-    if count and records['body'].max() >= count:
-        raise FrameError(f'the cloud has {count} points, but one of body {records["body"].max()}')
     positions = np.stack([records['x'], records['y'], records['z']], axis=-1)
     pressure = records['pressure'] if 'pressure' in kinds else np.zeros(count, np.float32)
     return Frame(
         cloud.header.frame_id, positions, records['displacement'], pressure, records['body']
     )
+
+
+def numbers_of_bodies(report: Mapping[str, str]) -> dict[int, str]:
+    """Return the names of the bodies by their numbers in clouds, as the diagnostics say."""
+    return {
+        int(value): key.removesuffix(NUMBER_IN_POINTS)
+        for key, value in report.items()
+        if key.endswith(NUMBER_IN_POINTS) and value.isdecimal()
+    }
 
 
 @dataclass(frozen=True)
@@ -155,12 +165,12 @@ def surface(data: bytes) -> Surface:
 class Part:
     """The bodies of one colour: their particles (k,), and triangles (m, 3) among these."""
 
-    color: tuple[int, int, int, int]
+    color: Color
     particles: np.ndarray
     faces: np.ndarray
 
 
-def parts(surface: Surface, body: np.ndarray, colors: list) -> list[Part]:
+def parts(surface: Surface, body: np.ndarray, colors: Mapping[int, Color]) -> list[Part]:
     """
     Split the surface by colour: few parts, however many bodies there are.
 
@@ -168,18 +178,20 @@ def parts(surface: Surface, body: np.ndarray, colors: list) -> list[Part]:
     ----------
     surface : Surface
     body : (n,) int
-        of each particle
-    colors : list of (4,) int
-        of each body, 0 … 255
+        the number of the body of each particle
+    colors : mapping of int to (4,) int
+        of each body, by its number; 0 … 255
 
     """
+    numbers, index_of = np.unique(body, return_inverse=True)
+    distinct = list(dict.fromkeys(colors[number] for number in numbers.tolist()))
+    color_of = np.array([distinct.index(colors[number]) for number in numbers.tolist()], int)
     result = []
-    color_of = np.array([colors.index(colors[index]) for index in range(len(colors))])[body]
-    for index in np.unique(color_of):
-        mine = color_of == index
+    for index, color in enumerate(distinct):
+        mine = color_of[index_of] == index
         renumbered = np.cumsum(mine) - 1
         faces = renumbered[surface.faces[mine[surface.faces[:, 0]]]]
-        result.append(Part(tuple(colors[index]), np.flatnonzero(mine), faces.astype(np.uint32)))
+        result.append(Part(color, np.flatnonzero(mine), faces.astype(np.uint32)))
     return result
 
 

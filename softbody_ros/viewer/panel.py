@@ -58,6 +58,7 @@ class Panel:
         self._widgets: dict[str, Any] = {}
         self._dragged: dict[str, float] = {}
         self._folders: list[Any] = []
+        self._chosen: dict[str, str] = {}
         gui.set_panel_label('softbody_ros')
         gui.configure_theme(
             control_layout='collapsible', show_logo=False, show_share_button=False,
@@ -155,6 +156,7 @@ class Panel:
         shown: list[Any] = []
 
         def show(name: str) -> None:
+            self._chosen[what] = name
             for folder in shown:
                 folder.remove()
             for section in itertools.chain(*choices.values()):
@@ -163,11 +165,13 @@ class Panel:
             with holder:
                 shown[:] = [self._folder(section) for section in choices[name] if section.names]
 
+        first = self._chosen.get(what)
+        first = first if first in choices else next(iter(choices))
         if len(choices) > 1:
             with holder:
-                chosen = self._gui.add_dropdown(what, tuple(choices))
+                chosen = self._gui.add_dropdown(what, tuple(choices), initial_value=first)
             chosen.on_update(lambda event: self._later(partial(show, event.target.value)))
-        show(next(iter(choices)))
+        show(first)
         return [holder]
 
     def _folder(self, section: Section) -> Any:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import viser
 from visualization_msgs.msg import Marker
 
 from softbody_ros.viewer import decoding
-from softbody_ros.viewer.decoding import Frame, Part, Surface
+from softbody_ros.viewer.decoding import Color, Frame, Part, Surface
 from softbody_ros.viewer.glb import ColoredFile
 
 GRID: dict[str, Any] = {
@@ -70,8 +70,8 @@ class View3D:
             client.camera.position = position
             client.camera.fov, client.camera.look_at = 0.8, centre
 
-    def set_bodies(self, surface: Surface, body: np.ndarray, colors: list) -> None:
-        """Set the bodies and their colours, (4,) of 0 … 255 each."""
+    def set_bodies(self, surface: Surface, body: np.ndarray, colors: Mapping[int, Color]) -> None:
+        """Set the bodies, and their colours by the numbers in `body`."""
         self._surface = surface
         self._parts = decoding.parts(surface, body, colors)
         self._file = None

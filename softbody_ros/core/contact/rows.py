@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import math
 
 import numpy as np
 
-from softbody_ros.core.body import RIGID
+from softbody_ros.core.body import IDENTITIES, RIGID, identity
 from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
@@ -133,6 +134,17 @@ def key_of(kind: int, partner: int, owner: int, particle: int) -> int:
 
     """
     return kind + (partner << 41) + (owner << 21) + particle
+
+
+def without(memory: np.ndarray, names: Iterable[str]) -> np.ndarray:
+    """Return MEMORY without contacts of bodies and obstacles that are removed, by their names."""
+    numbers = [identity(name) for name in names]
+    if not numbers or not len(memory):
+        return memory
+    key = memory['key']
+    partner, owner = (key >> 41) % IDENTITIES, (key >> 21) % IDENTITIES
+    gone = np.isin(owner, numbers) | (np.isin(partner, numbers) & (key < OF_POINTS))
+    return memory[~gone]
 
 
 @helper

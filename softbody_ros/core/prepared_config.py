@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A config whose bodies and obstacles may be others than those of a world, with their meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+import os
+from typing import TypeVar
+from weakref import WeakValueDictionary
+
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.config import BodyConfig, ObstacleConfig, WorldConfig
+from softbody_ros.core.geometry.mesh import PRIMITIVES, Surface
+from softbody_ros.core.shape_matching.regions import Regions
+from softbody_ros.core.shape_matching.rest_shape import RestShape
+
+BYTES = 1000
+"""Approximate memory of a config besides its items, and of one of these."""
+
+Item = TypeVar('Item', BodyConfig, ObstacleConfig)
+Shape = tuple[RestShape, Regions | None]
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedConfig:
+    """
+    All that `World.adopt` needs to use a config: immutable, so an action of a history.
+
+    Attributes
+    ----------
+    config : WorldConfig
+    shapes : mapping of str to (RestShape, Regions or None)
+        of the bodies that are new in it
+    obstacles : mapping of str to Obstacle
+        that are new in it
+    nbytes : int
+        approximate bytes of memory that only this takes
+
+    """
+
+    config: WorldConfig
+    shapes: Mapping[str, Shape]
+    obstacles: Mapping[str, Obstacle]
+    nbytes: int
+
+
+class ShapeCache:
+    """
+    Rest shapes and regions that somebody, or a snapshot, still has: equal ones are shared.
+
+    So what comes and goes many times is loaded once, as long as the history remembers it. A mesh
+    file that has changed is another mesh.
+    """
+
+    def __init__(self) -> None:
+        self._rests: WeakValueDictionary[tuple, RestShape] = WeakValueDictionary()
+        self._regions: WeakValueDictionary[tuple, Regions] = WeakValueDictionary()
+
+    def get(self, config: BodyConfig) -> Shape | None:
+        """Return the shape of a body, if there is one."""
+        key = _mesh_key(config)
+        rest, regions = self._rests.get(key), None
+        if config.regions_count:
+            regions = self._regions.get((*key, *_division(config)))
+        return (
+            None if rest is None or (config.regions_count and regions is None) else (rest, regions)
+        )
+
+    def put(self, config: BodyConfig, shape: Shape) -> None:
+        """Remember the shape of a body."""
+        key, (rest, regions) = _mesh_key(config), shape
+        self._rests[key] = rest
+        if regions is not None:
+            self._regions[*key, *_division(config)] = regions
+
+
+def _mesh_key(config: BodyConfig) -> tuple:
+    # the number of a Surface is its own as long as there is a rest shape that has it
+    if isinstance(config.mesh, Surface):
+        return (id(config.mesh),)
+    stamp = None
+    if config.mesh not in PRIMITIVES:
+        try:
+            file = os.stat(config.mesh)
+            stamp = file.st_mtime_ns, file.st_size
+        except (OSError, ValueError):
+            pass  # whoever loads it says so
+    return config.mesh, config.size, config.subdivisions, stamp
+
+
+def _division(config: BodyConfig) -> tuple[int, int]:
+    return config.regions_count, config.regions_overlap
+
+
+def in_order(items: Iterable[Item], before: Iterable[Item]) -> tuple[Item, ...]:
+    """Return configs in the order of those of the same names before; new ones at the end."""
+    place = {item.name: index for index, item in enumerate(before)}
+    return tuple(sorted(items, key=lambda item: place.get(item.name, len(place))))
+
+
+def shared(items: Iterable[Item], before: Iterable[Item]) -> tuple[Item, ...]:
+    """Return configs with those that equal one before replaced by that: they share its memory."""
+    known = {item.name: item for item in before}
+    return tuple(known[item.name] if known.get(item.name) == item else item for item in items)
