@@ -19,6 +19,7 @@ from softbody_ros.core import attachments, poke, sleeping
 from softbody_ros.core.collision import obstacles
 from softbody_ros.core.collision.collision_surface import CollisionSurface, CollisionSurfaces
 from softbody_ros.core.collision.obstacles import Obstacle, ObstacleTable
+from softbody_ros.core.collision.point_filter import steadied
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import (
     BodyConfig,
@@ -70,6 +71,10 @@ START_STATE = (
     'initial_velocity_angular',
 )
 """Settings of a body that take effect on `reset` and `apply_initial_velocity`."""
+
+
+FILTERED = 3.0
+"""Distance from bodies up to which the noise of points is filtered, in their radii."""
 
 
 @dataclass(frozen=True)
@@ -933,7 +938,9 @@ class World:
         h = self.config.time_step
         self._set_inputs(self._inputs.changed(changes, self.tick, longest_gap, h))
 
-    def set_points(self, points: PointObstacles, self_filter: float = 0.0) -> None:
+    def set_points(
+        self, points: PointObstacles, self_filter: float = 0.0, noise: float = 0.0
+    ) -> None:
         """
         Replace the point obstacles; wake bodies near points that have changed.
 
@@ -943,13 +950,20 @@ class World:
         self_filter : float
             points up to this distance from the present surface of a body are left out, m: a camera
             sees the bodies, too
+        noise : float
+            standard deviation of the points along each axis, m: what merely trembles stays where
+            it is, see `point_filter`; 0 takes them as they are
 
         """
         boxes = self._boxes()
         if self_filter > 0.0:
             own = self._near_surfaces(points.points, self_filter, boxes)
             points = PointObstacles(points.points[~own], points.radius, int(own.sum()))
-        before, self._inputs = self._inputs.points, self._inputs.with_points(points)
+        before = self._inputs.points
+        if noise > 0.0:
+            reach = FILTERED * points.radius
+            points = steadied(points, before, noise, boxes[0] - reach, boxes[1] + reach)
+        self._inputs = self._inputs.with_points(points)
         for index, (low, high) in enumerate(zip(*boxes, strict=True)):
             if not np.array_equal(points.within(low, high), before.within(low, high)):
                 self._wake(index)

@@ -83,6 +83,11 @@ class NodeConfig(Checked):
         'camera that sees it: less than the radius; 0 is off, negative: half of the radius',
         unit='m', minimum=-1.0, maximum=1e3, group='obstacle_points',
     )  # fmt: skip
+    obstacle_points_noise: float = setting(
+        0.002, 'of points of a camera, a standard deviation: what merely trembles by it stays '
+        'where it is; 0 takes them as they are', unit='m', minimum=0.0, maximum=1e3,
+        group='obstacle_points',
+    )  # fmt: skip
     poke_radius: float = setting(
         0.15, 'of the spot that ~/poke pokes', unit='m', minimum=1e-4, maximum=1e3, group='poke'
     )
