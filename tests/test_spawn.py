@@ -11,12 +11,14 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
+from scene_files import ROOT, scene_values
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.ros.messages import POINT_TYPE
+from softbody_ros.ros.simulation_interfaces import SCOPE_ALL, Simulation
 from softbody_ros.scene import parameters
 
 SIM = '/softbody_sim'
@@ -501,4 +503,56 @@ def test_what_has_come_and_gone_many_times_leaves_nothing_behind(graph, sim):
     graph.spin_until(lambda: len(list(sim.publishers)) == before[2])
     assert len(sim._parameters) == before[1]
     np.testing.assert_array_equal(sim._world.positions('ball'), before[0])
+    require_agreement(sim)
+
+
+# ---------------------------------------------------------------------------------- the standard
+def simulation_of(sim):
+    return Simulation(sim._stepper, sim._parameters_of_scene, sim._paused, sim._restarted)
+
+
+def test_the_standard_spawns_and_deletes_by_the_same_parameters(graph, sim):
+    simulation = simulation_of(sim)
+    assert graph.set_parameter(SIM, 'cube.size', 0.125).successful
+    pose = (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)
+    outcome, name = simulation.spawn('cube', uri='box', pose=pose)
+    assert (outcome.message, name) == ('', 'cube')
+    assert graph.get_parameters(SIM, ['bodies']) == [['ball', 'cube']]
+    assert graph.get_parameters(SIM, ['cube.size', 'cube.position']) == [0.125, [1.0, 2.0, 3.0]]
+    assert sim._world.rigid_fit('cube').position == pytest.approx((1.0, 2.0, 3.0))
+    require_agreement(sim)
+    config = str(ROOT / 'config' / 'cubes.yaml')
+    outcome, name = simulation.spawn('', True, uri=config)
+    assert (outcome.message, name) == ('', 'cubes')
+    require_agreement(sim)
+    outcome, name = simulation.spawn('bad', text=SCENE_THAT_DOES_NOT_FIT)
+    assert 'bad.regions.count is 4000' in outcome.message
+    require_agreement(sim)
+    assert simulation.delete('cubes').message == ''
+    assert graph.get_parameters(SIM, ['bodies']) == [['ball', 'cube']]
+    assert simulation.delete('ball').message == ''
+    assert names_of(graph, 'ball') == []
+    assert simulation.reset(SCOPE_ALL).message == ''
+    assert graph.get_parameters(SIM, ['bodies']) == [['ball']]
+    assert (sim._world.tick, sim._world.rest_shape('ball').particle_count) == (0, 42)
+    require_agreement(sim)
+
+
+SCENE_THAT_DOES_NOT_FIT = """
+/**: {ros__parameters: {bodies: [a], obstacles: [b], a: {mesh: box, regions.count: 4000}}}
+"""
+
+
+@pytest.mark.parametrize('path', sorted(ROOT.glob('config/*.yaml')), ids=lambda path: path.stem)
+def test_every_shipped_scene_can_be_spawned_into_another(graph, sim, path):
+    simulation = simulation_of(sim)
+    pose = (9.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    outcome, name = simulation.spawn('more', uri=str(path), pose=pose)
+    assert (outcome.message, name) == ('', 'more')
+    require_agreement(sim)
+    alone = parameters.make_scene(scene_values(path.stem)).world
+    assert len(sim._world.names) == 1 + len(alone.bodies)
+    assert graph.call(Trigger, f'{SIM}/step').success
+    assert simulation.delete('more').message == ''
+    assert sim._world.names == ('ball',)
     require_agreement(sim)

@@ -184,6 +184,26 @@ class SceneParameters:
         self._declare(proposal.values, proposal.scene)
         self._changed()
 
+    def request(self, values: Values) -> None:
+        """
+        Set parameters in one request, as a client does.
+
+        Raises
+        ------
+        ConfigError, MeshError
+            if it is refused; nothing has changed then.
+
+        """
+        items = [
+            Parameter(name, value=list(value) or [''] if name in LISTS else value)
+            for name, value in values.items()
+        ]
+        proposal = self._proposed(self._normalised(items))  # to know the kind of error
+        result = self._node.set_parameters_atomically(items)
+        if not result.successful:
+            raise ConfigError(result.reason)
+        del proposal  # till now: what it has loaded is not loaded again
+
     # ------------------------------------------------------------------------------ declarations
     def _declare(self, values: Values, scene: Scene, renewed: Collection[str] = ()) -> None:
         """
