@@ -377,6 +377,21 @@ def test_the_shape_of_a_file_is_that_of_its_last_version(tmp_path):
     assert world.rest_shape('thing').particle_count == 8
 
 
+def test_parameters_of_a_body_can_change_when_its_file_is_gone(tmp_path):
+    file = tmp_path / 'thing.stl'
+    trimesh.creation.box().export(file)
+    thing = ball('thing', 9.0, mesh=str(file))
+    stepper = Stepper(few(), {})
+    stepper.configure(other_config(stepper.config, (), [thing]))
+    file.unlink()
+    pinned = dataclasses.replace(thing, pins_indices=(7,))
+    stepper.configure(other_config(stepper.config, ['thing'], [pinned]))
+    assert stepper.world.body_config('thing') == pinned
+    wrong = dataclasses.replace(thing, pins_indices=(8,))
+    with pytest.raises(ConfigError, match=r'the vertices 0 to 7'):
+        stepper.configure(other_config(stepper.config, ['thing'], [wrong]))
+
+
 def test_what_comes_and_goes_many_times_leaves_no_bit_and_no_memory_behind():
     world, other = few(), few()
     for each in (world, other):

@@ -68,6 +68,7 @@ class ContactTopics:
         for name in own.keys() - set(names):
             self._publishers.destroy(own.pop(name))
             self._was_in_contact.pop(name, None)
+            self._means.forget(name)
         for name in names:
             if name not in own:
                 own[name] = self._publishers.make(WrenchStamped, f'{topic}/{name}')
