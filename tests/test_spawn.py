@@ -136,6 +136,19 @@ def test_values_that_were_set_before_are_start_values(graph, sim):
     require_agreement(sim)
 
 
+def test_values_in_the_file_of_the_start_are_start_values(graph):
+    values = {name.replace('.', '__'): value for name, value in CUBE.items()}
+    sim = graph.sim_node(**SMALL, **values, bal__mass=3.0, somebody__elses=1.0)
+    assert sim._world.names == ('ball',)
+    assert sorted(names_of(graph, 'cube', 'bal', 'somebody')) == sorted(CUBE)
+    require_agreement(sim)
+    assert graph.set_parameter(SIM, 'cube.mass', 3).successful
+    assert graph.set_parameter(SIM, 'bodies', ['ball', 'cube']).successful
+    assert sim._world.body_config('cube').mass == 3.0
+    assert sim._world.body_config('cube').size == 0.2
+    require_agreement(sim)
+
+
 def test_a_start_value_can_be_deleted(graph, sim):
     assert graph.set_parameter(SIM, 'cube.mass', 3.0).successful
     unset = Parameter('cube.mass', Parameter.Type.NOT_SET).to_parameter_msg()
@@ -218,7 +231,10 @@ REFUSED = [
     ({'cube.mass': -1.0}, 'cube.mass is -1.0: it must be from 1e-06'),
     ({'cube.mesh': 3}, 'cube.mesh is 3: it must be a text'),
     ({'time_scal': 2.0}, 'unknown parameter time_scal: did you mean time_scale?'),
-    ({'1st.mass': 2.0}, 'unknown parameter 1st.mass'),
+    ({'1st.mass': 2.0}, "unknown parameter 1st.mass: '1st' cannot be the name of a body"),
+    ({'other.thing': 2.0}, 'unknown parameter other.thing: no body and no obstacle has that'),
+    ({'gravity.magnitud': 2.0}, 'unknown parameter gravity.magnitud: did you mean gravity.magni'),
+    ({'bal.stif': 2.0}, 'unknown parameter bal.stif: did you mean ball.stiffness?'),
 ]  # fmt: skip
 
 

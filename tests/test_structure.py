@@ -309,18 +309,30 @@ def test_adopting_a_config_of_the_same_structure_is_to_configure():
     assert world.rebuilds == rebuilds
 
 
-def test_what_is_new_begins_anew_although_something_of_its_name_was_there():
+@pytest.mark.parametrize('gone', [['soft', 'box'], ['ground'], ['soft', 'box', 'ground']])
+def test_what_is_new_begins_anew_although_something_of_its_name_was_there(gone):
     """Nothing of the old one is remembered, not even the forces that held it."""
-    world = few()
-    world.step(200)
-    for item in (*world.config.bodies, GROUND):
-        world.remove(item.name)
-        world.add(item)
-    fresh = few()
-    for obstacle in fresh.config.obstacles:
-        if obstacle.name == 'bar':
-            moved = world.obstacles[0]
-            fresh.move_obstacle('bar', moved.position, linear=obstacle.velocity_linear)
+    slope = ObstacleConfig(name='ground', orientation=(0.0, 0.05, 0.0, 0.99875))
+    bodies = tuple(
+        ball(name, x, mesh='box', size=0.3, mode=mode, initial_velocity_linear=(0.0, 0.0, -0.3))
+        for name, x, mode in (('soft', 0.0, 'quadratic'), ('box', 2.0, 'rigid'))
+    )
+    low = [
+        dataclasses.replace(each, position=(each.position[0], 0.0, 0.3 - 0.1 * each.position[0]))
+        for each in bodies
+    ]
+    config = WorldConfig(bodies=tuple(low), obstacles=(slope,))
+    world, fresh = World(config), World(config)
+    world.step(40)
+    assert len(world.snapshot().contact_memory)
+    for name in gone:
+        world.remove(name)
+    kept = world.snapshot().contact_memory
+    assert not len(kept)
+    for name in gone:
+        world.add(next(item for item in config.items if item.name == name))
+    if gone == ['ground']:
+        return
     for each in (world, fresh):
         each.step(100)
     for name in fresh.names:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -69,10 +69,10 @@ class SceneParameters:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self._start_values: Values = {}
         self.values: Values = self._override_values()
         self.scene = parameters.make_scene(self.values)
         self._known: Mapping[str, Setting] = {}
-        self._start_values: Values = {}
         self._proposal: _Proposal | None = None
         self._is_own_change = False
         self._new: set[str] = set()
@@ -83,9 +83,24 @@ class SceneParameters:
         # rclpy has no public access to overrides of undeclared parameters
         overrides = {name: item.value for name, item in self._node._parameter_overrides.items()}
         values, unknown = parameters.known_values(overrides)
-        for name, hint in unknown.items():
-            self._node.get_logger().warning(f'parameter {name} is unknown and ignored: {hint}')
+        known, kept = parameters.table(parameters.scene_lists(values)), {}
+        for name in unknown:
+            try:
+                kept[name] = parameters.start_value(name, overrides[name], known)
+            except ConfigError as error:
+                self._node.get_logger().warning(f'{error}; it is ignored')
+        self._keep(kept)
         return values
+
+    def _keep(self, start_values: Values) -> None:
+        """Keep values for bodies and obstacles that are not there, and say so."""
+        before = {_owner(name) for name in self._start_values}
+        for owner in sorted({_owner(name) for name in start_values} - before):
+            self._node.get_logger().info(
+                f'{owner} is neither in bodies nor in obstacles: its parameters are kept for when '
+                'it is'
+            )
+        self._start_values = start_values
 
     def offer(self, stepper: Stepper, changed: Callable[[], None]) -> None:
         """Declare the parameters, and apply changes of them; `changed` is called after each."""
@@ -93,6 +108,9 @@ class SceneParameters:
         self._declare(self.values, self.scene)
         self.settle()
         self.start = self.values
+        for name, value in self._start_values.items():
+            of_any_type = ParameterDescriptor(dynamic_typing=True)
+            self._node.declare_parameter(name, value, of_any_type, ignore_override=True)
         self._node.add_pre_set_parameters_callback(self._normalised)
         self._node.add_on_set_parameters_callback(self._check)
         self._node.add_post_set_parameters_callback(self._use)
@@ -174,12 +192,7 @@ class SceneParameters:
             return
         proposal, self._proposal = self._proposal, None
         assert proposal is not None  # of the check just before
-        for name in proposal.start_values.keys() - self._start_values.keys():
-            self._node.get_logger().info(
-                f'{name} is kept for a body or an obstacle of that name, until it is in bodies or '
-                'obstacles'
-            )
-        self._start_values = proposal.start_values
+        self._keep(proposal.start_values)
         self._stepper.adopt(proposal.prepared)
         self._declare(proposal.values, proposal.scene)
         self._changed()
