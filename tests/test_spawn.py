@@ -184,6 +184,8 @@ def test_a_removed_name_undeclares_its_parameters(graph, sim):
     assert names_of(graph, 'ball') == []
     assert 'unknown parameter ball.mas' in graph.set_parameter(SIM, 'ball.mas', 1.0).reason
     require_agreement(sim)
+    assert graph.set_parameter(SIM, 'bodies', ['', 'cube', '']).successful
+    assert graph.get_parameters(SIM, ['bodies']) == [['cube']]
     assert graph.set_parameter(SIM, 'obstacles', []).successful
     assert graph.get_parameters(SIM, ['obstacles']) == [['']]
     assert sim._world.obstacles == ()

@@ -83,14 +83,19 @@ class SceneParameters:
         # rclpy has no public access to overrides of undeclared parameters
         overrides = {name: item.value for name, item in self._node._parameter_overrides.items()}
         values, unknown = parameters.known_values(overrides)
-        known, kept = parameters.table(parameters.scene_lists(values)), {}
+        lists = parameters.scene_lists(values)
+        values |= {'bodies': lists.bodies, 'obstacles': lists.obstacles}
+        known, kept = parameters.table(lists), {}
         for name in unknown:
             try:
                 kept[name] = parameters.start_value(name, overrides[name], known)
             except ConfigError as error:
                 self._node.get_logger().warning(f'{error}; it is ignored')
         self._keep(kept)
-        return values
+        return {
+            name: parameters.normal(value, known[name]) if name in known else value
+            for name, value in values.items()
+        }
 
     def _keep(self, start_values: Values) -> None:
         """Keep values for bodies and obstacles that are not there, and say so."""
@@ -134,7 +139,8 @@ class SceneParameters:
                 return value
         if name in LISTS and isinstance(value, list):
             place = {each: index for index, each in enumerate(self.values[name])}
-            value = sorted(value, key=lambda each: place.get(each, len(place)))
+            value = sorted(filter(None, value), key=lambda each: place.get(each, len(place)))
+            value = value or parameters.as_parameter([], facts)
         return parameters.promoted(value, facts)
 
     def _check(self, proposed: list[Parameter]) -> SetParametersResult:
@@ -156,12 +162,10 @@ class SceneParameters:
         lists = {name: given.get(name, self.values[name]) for name in LISTS}
         known = parameters.table(parameters.scene_lists(lists))
         # of a body that becomes an obstacle nothing stays
+        present, start_values = self._known, dict(self._start_values)
         values = {
-            name: value
-            for name, value in self.values.items()
-            if known.get(name) is self._known[name]
+            name: value for name, value in self.values.items() if known.get(name) is present[name]
         }
-        start_values = dict(self._start_values)
         for name, value in given.items():
             if name in known or name in self._known:
                 continue
@@ -174,15 +178,13 @@ class SceneParameters:
                 f'there are values of {MOST_START_VALUES} parameters of bodies and obstacles that '
                 'are not there: delete some, or add these'
             )
-        new = {_owner(name) for name in known if known[name] is not self._known.get(name)}
-        for name in list(start_values):
-            if _owner(name) in new:
-                values[name] = start_values.pop(name)
-        values |= {name: value for name, value in given.items() if name in known}
-        values = {
-            name: parameters.promoted(value, known[name]) if name in known else value
-            for name, value in values.items()
-        }
+        new = {_owner(name) for name in known if known[name] is not present.get(name)}
+        taken = [name for name in start_values if _owner(name) in new]
+        others = {name: start_values.pop(name) for name in taken}
+        others |= {name: value for name, value in given.items() if name in known}
+        for name, value in others.items():
+            facts = known.get(name)  # the scene refuses others
+            values[name] = value if facts is None else parameters.normal(value, facts)
         scene = parameters.make_scene(values)
         prepared = self._stepper.prepare(scene.world, self._new)
         return _Proposal(values, start_values, scene, prepared)
@@ -225,11 +227,11 @@ class SceneParameters:
         Those of the `renewed` bodies and obstacles are declared anew.
         """
         before, known = self._known, parameters.table(parameters.scene_lists(values))
-        gone = [
+        gone = {
             name
             for name in before
             if known.get(name) is not before[name] or _owner(name) in renewed
-        ]
+        }
         new = [name for name in known if name in gone or name not in before]
         for name in {_owner(name) for name in gone} - {''}:
             self._looks[name] = {
@@ -240,7 +242,7 @@ class SceneParameters:
         self._new = {name for name in self._new | {_owner(name) for name in new} if name}
         self._known, self.scene = known, scene
         self.values = {
-            name: parameters.as_parameter(values.get(name, facts.default), facts)
+            name: values[name] if name in values else parameters.normal(facts.default, facts)
             for name, facts in known.items()
         }
         with self._own_change():
@@ -296,7 +298,8 @@ class SceneParameters:
             'obstacles': tuple(obstacle.name for obstacle in config.obstacles),
         }
         known = parameters.table(SceneLists(**lists))
-        values = {name: value for name, value in self.values.items() if name in known} | lists
+        values = {name: value for name, value in self.values.items() if name in known}
+        values |= {name: parameters.normal(value, known[name]) for name, value in lists.items()}
         for name in renewed:
             values |= self._values_of(wanted[name])
         self._declare(values, parameters.make_scene(values), renewed)

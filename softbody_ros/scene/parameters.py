@@ -354,6 +354,11 @@ def as_parameter(value: Any, facts: Setting) -> Any:
     return value
 
 
+def normal(value: Any, facts: Setting) -> Any:
+    """Return a value as it is declared: floats where they are meant, no empty lists."""
+    return as_parameter(promoted(value, facts), facts)
+
+
 def type_name(facts: Setting) -> str:
     """Return the name of the type in ROS tools."""
     names = {int: 'integer', float: 'double', str: 'string'}
