@@ -462,6 +462,18 @@ def test_a_file_for_another_node_is_the_default_scene_with_a_warning(run_main, c
     assert np.load('a.npz')['bodies'].tolist() == ['ball']
 
 
+@pytest.mark.parametrize('obstacles', ['[]', '[ground]'])
+def test_a_scene_without_bodies_is_a_film(run_main, tmp_path, obstacles):
+    scene = tmp_path / 'empty.yaml'
+    scene.write_text(f'/**: {{ros__parameters: {{bodies: [], obstacles: {obstacles}}}}}')
+    outputs = [str(tmp_path / f'empty.{suffix}') for suffix in ('npz', 'usdc', 'glb')]
+    arguments = [part for output in outputs for part in ('-o', output)]
+    assert run_main(str(scene), '--seconds', '0.1', *arguments) == 0
+    film = np.load(outputs[0])
+    assert film['bodies'].tolist() == [] and len(film['times']) == 7
+    assert trimesh.load(outputs[2], force='scene').geometry.keys() <= {'ground'}
+
+
 def test_a_tilde_that_the_shell_left_is_home(run_main, monkeypatch, tmp_path):
     monkeypatch.setenv('HOME', str(tmp_path / 'home'))
     (tmp_path / 'home').mkdir()

@@ -523,10 +523,12 @@ def test_what_waits_for_the_end_of_a_way_back_is_bounded():
     list(stepper.advance(now, drop_overload=False))
     assert stepper.replaying
     done = []
+    with_items(stepper, CUBE)
     for index in range(20):
         stepper.act(lambda world, index=index: done.append(index), 2**20)
     go_to(stepper, 0.5)
-    assert done == list(range(12, 20))
+    assert done == list(range(13, 20))
+    assert stepper.world.names == ('ball', 'cube')  # what is asked for is not forgotten
 
 
 # ---------------------------------------------------------------------- what others put in the way

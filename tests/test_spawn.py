@@ -11,12 +11,14 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
+from scene_files import ROOT, scene_values
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.ros.messages import POINT_TYPE
+from softbody_ros.ros.simulation_interfaces import SCOPE_ALL, Simulation
 from softbody_ros.scene import parameters
 
 SIM = '/softbody_sim'
@@ -134,6 +136,19 @@ def test_values_that_were_set_before_are_start_values(graph, sim):
     require_agreement(sim)
 
 
+def test_values_in_the_file_of_the_start_are_start_values(graph):
+    values = {name.replace('.', '__'): value for name, value in CUBE.items()}
+    sim = graph.sim_node(**SMALL, **values, bal__mass=3.0, somebody__elses=1.0)
+    assert sim._world.names == ('ball',)
+    assert sorted(names_of(graph, 'cube', 'bal', 'somebody')) == sorted(CUBE)
+    require_agreement(sim)
+    assert graph.set_parameter(SIM, 'cube.mass', 3).successful
+    assert graph.set_parameter(SIM, 'bodies', ['ball', 'cube']).successful
+    assert sim._world.body_config('cube').mass == 3.0
+    assert sim._world.body_config('cube').size == 0.2
+    require_agreement(sim)
+
+
 def test_a_start_value_can_be_deleted(graph, sim):
     assert graph.set_parameter(SIM, 'cube.mass', 3.0).successful
     unset = Parameter('cube.mass', Parameter.Type.NOT_SET).to_parameter_msg()
@@ -169,6 +184,8 @@ def test_a_removed_name_undeclares_its_parameters(graph, sim):
     assert names_of(graph, 'ball') == []
     assert 'unknown parameter ball.mas' in graph.set_parameter(SIM, 'ball.mas', 1.0).reason
     require_agreement(sim)
+    assert graph.set_parameter(SIM, 'bodies', ['', 'cube', '']).successful
+    assert graph.get_parameters(SIM, ['bodies']) == [['cube']]
     assert graph.set_parameter(SIM, 'obstacles', []).successful
     assert graph.get_parameters(SIM, ['obstacles']) == [['']]
     assert sim._world.obstacles == ()
@@ -216,7 +233,10 @@ REFUSED = [
     ({'cube.mass': -1.0}, 'cube.mass is -1.0: it must be from 1e-06'),
     ({'cube.mesh': 3}, 'cube.mesh is 3: it must be a text'),
     ({'time_scal': 2.0}, 'unknown parameter time_scal: did you mean time_scale?'),
-    ({'1st.mass': 2.0}, 'unknown parameter 1st.mass'),
+    ({'1st.mass': 2.0}, "unknown parameter 1st.mass: '1st' cannot be the name of a body"),
+    ({'other.thing': 2.0}, 'unknown parameter other.thing: no body and no obstacle has that'),
+    ({'gravity.magnitud': 2.0}, 'unknown parameter gravity.magnitud: did you mean gravity.magni'),
+    ({'bal.stif': 2.0}, 'unknown parameter bal.stif: did you mean ball.stiffness?'),
 ]  # fmt: skip
 
 
@@ -501,4 +521,56 @@ def test_what_has_come_and_gone_many_times_leaves_nothing_behind(graph, sim):
     graph.spin_until(lambda: len(list(sim.publishers)) == before[2])
     assert len(sim._parameters) == before[1]
     np.testing.assert_array_equal(sim._world.positions('ball'), before[0])
+    require_agreement(sim)
+
+
+# ---------------------------------------------------------------------------------- the standard
+def simulation_of(sim):
+    return Simulation(sim._stepper, sim._parameters_of_scene, sim._paused, sim._restarted)
+
+
+def test_the_standard_spawns_and_deletes_by_the_same_parameters(graph, sim):
+    simulation = simulation_of(sim)
+    assert graph.set_parameter(SIM, 'cube.size', 0.125).successful
+    pose = (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)
+    outcome, name = simulation.spawn('cube', uri='box', pose=pose)
+    assert (outcome.message, name) == ('', 'cube')
+    assert graph.get_parameters(SIM, ['bodies']) == [['ball', 'cube']]
+    assert graph.get_parameters(SIM, ['cube.size', 'cube.position']) == [0.125, [1.0, 2.0, 3.0]]
+    assert sim._world.rigid_fit('cube').position == pytest.approx((1.0, 2.0, 3.0))
+    require_agreement(sim)
+    config = str(ROOT / 'config' / 'cubes.yaml')
+    outcome, name = simulation.spawn('', True, uri=config)
+    assert (outcome.message, name) == ('', 'cubes')
+    require_agreement(sim)
+    outcome, name = simulation.spawn('bad', text=SCENE_THAT_DOES_NOT_FIT)
+    assert 'bad.regions.count is 4000' in outcome.message
+    require_agreement(sim)
+    assert simulation.delete('cubes').message == ''
+    assert graph.get_parameters(SIM, ['bodies']) == [['ball', 'cube']]
+    assert simulation.delete('ball').message == ''
+    assert names_of(graph, 'ball') == []
+    assert simulation.reset(SCOPE_ALL).message == ''
+    assert graph.get_parameters(SIM, ['bodies']) == [['ball']]
+    assert (sim._world.tick, sim._world.rest_shape('ball').particle_count) == (0, 42)
+    require_agreement(sim)
+
+
+SCENE_THAT_DOES_NOT_FIT = """
+/**: {ros__parameters: {bodies: [a], obstacles: [b], a: {mesh: box, regions.count: 4000}}}
+"""
+
+
+@pytest.mark.parametrize('path', sorted(ROOT.glob('config/*.yaml')), ids=lambda path: path.stem)
+def test_every_shipped_scene_can_be_spawned_into_another(graph, sim, path):
+    simulation = simulation_of(sim)
+    pose = (9.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    outcome, name = simulation.spawn('more', uri=str(path), pose=pose)
+    assert (outcome.message, name) == ('', 'more')
+    require_agreement(sim)
+    alone = parameters.make_scene(scene_values(path.stem)).world
+    assert len(sim._world.names) == 1 + len(alone.bodies)
+    assert graph.call(Trigger, f'{SIM}/step').success
+    assert simulation.delete('more').message == ''
+    assert sim._world.names == ('ball',)
     require_agreement(sim)

@@ -309,18 +309,30 @@ def test_adopting_a_config_of_the_same_structure_is_to_configure():
     assert world.rebuilds == rebuilds
 
 
-def test_what_is_new_begins_anew_although_something_of_its_name_was_there():
+@pytest.mark.parametrize('gone', [['soft', 'box'], ['ground'], ['soft', 'box', 'ground']])
+def test_what_is_new_begins_anew_although_something_of_its_name_was_there(gone):
     """Nothing of the old one is remembered, not even the forces that held it."""
-    world = few()
-    world.step(200)
-    for item in (*world.config.bodies, GROUND):
-        world.remove(item.name)
-        world.add(item)
-    fresh = few()
-    for obstacle in fresh.config.obstacles:
-        if obstacle.name == 'bar':
-            moved = world.obstacles[0]
-            fresh.move_obstacle('bar', moved.position, linear=obstacle.velocity_linear)
+    slope = ObstacleConfig(name='ground', orientation=(0.0, 0.05, 0.0, 0.99875))
+    bodies = tuple(
+        ball(name, x, mesh='box', size=0.3, mode=mode, initial_velocity_linear=(0.0, 0.0, -0.3))
+        for name, x, mode in (('soft', 0.0, 'quadratic'), ('box', 2.0, 'rigid'))
+    )
+    low = [
+        dataclasses.replace(each, position=(each.position[0], 0.0, 0.3 - 0.1 * each.position[0]))
+        for each in bodies
+    ]
+    config = WorldConfig(bodies=tuple(low), obstacles=(slope,))
+    world, fresh = World(config), World(config)
+    world.step(40)
+    assert len(world.snapshot().contact_memory)
+    for name in gone:
+        world.remove(name)
+    kept = world.snapshot().contact_memory
+    assert not len(kept)
+    for name in gone:
+        world.add(next(item for item in config.items if item.name == name))
+    if gone == ['ground']:
+        return
     for each in (world, fresh):
         each.step(100)
     for name in fresh.names:
@@ -375,6 +387,21 @@ def test_the_shape_of_a_file_is_that_of_its_last_version(tmp_path):
     world.restore(history)
     assert everything(world) == before
     assert world.rest_shape('thing').particle_count == 8
+
+
+def test_parameters_of_a_body_can_change_when_its_file_is_gone(tmp_path):
+    file = tmp_path / 'thing.stl'
+    trimesh.creation.box().export(file)
+    thing = ball('thing', 9.0, mesh=str(file))
+    stepper = Stepper(few(), {})
+    stepper.configure(other_config(stepper.config, (), [thing]))
+    file.unlink()
+    pinned = dataclasses.replace(thing, pins_indices=(7,))
+    stepper.configure(other_config(stepper.config, ['thing'], [pinned]))
+    assert stepper.world.body_config('thing') == pinned
+    wrong = dataclasses.replace(thing, pins_indices=(8,))
+    with pytest.raises(ConfigError, match=r'the vertices 0 to 7'):
+        stepper.configure(other_config(stepper.config, ['thing'], [wrong]))
 
 
 def test_what_comes_and_goes_many_times_leaves_no_bit_and_no_memory_behind():

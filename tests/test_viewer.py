@@ -294,6 +294,31 @@ def test_pages_of_others_cannot_steer(show):
 
 
 # ---------------------------------------------------------------------------- nodes come and go
+def test_what_comes_and_goes_is_shown_and_steered(show):
+    assert show.graph.set_parameter(SIM, 'late.subdivisions', 1).successful
+    assert show.graph.set_parameter(SIM, 'late.stiffness', 0.875).successful
+    assert show.graph.set_parameter(SIM, 'late.position', [9.0, 0.0, 1.0]).successful
+    assert show.graph.set_parameter(SIM, 'bodies', ['ball', 'late']).successful
+    show.says('684 vertices')
+    browser_of_tests.choose(show.page, 'body', 'late')
+    expect(show.number('stiffness')).to_have_value('0.875', timeout=20_000)
+    show.number('stiffness').fill('0.25')
+    show.number('stiffness').press('Enter')
+    show.graph.spin_until(lambda: show.parameter('late.stiffness') == 0.25)
+    # what is chosen stays so when something else comes
+    assert show.graph.set_parameter(SIM, 'obstacles', ['ground', 'post']).successful
+    expect(show.row('obstacle')).to_be_visible(timeout=20_000)
+    expect(show.number('stiffness')).to_have_value('0.25', timeout=20_000)
+    assert show.graph.set_parameter(SIM, 'obstacles', ['ground']).successful
+    assert show.graph.set_parameter(SIM, 'bodies', ['late']).successful
+    show.says('42 vertices')
+    expect(show.row('body')).not_to_be_visible(timeout=20_000)
+    expect(show.number('stiffness')).to_have_value('0.25', timeout=20_000)
+    assert show.graph.set_parameter(SIM, 'bodies', ['ball']).successful
+    show.says('642 vertices')
+    show.graph.spin_until(lambda: show.height(), 'a ball in the view')
+
+
 def test_a_node_that_goes_is_missed_and_one_that_comes_is_shown(show):
     show.says('642 vertices')
     show.simulation.send_signal(signal.SIGKILL)  # without a word

@@ -49,6 +49,12 @@ class MeanWrenches:
         key, now = self._world.obstacle_key(name), self._world.obstacle_impulse(name)
         return self._mean(self._obstacles, key, now) or self._world.obstacle_wrench(name)
 
+    def forget(self, name: str) -> None:
+        """Forget a body or an obstacle that has been removed."""
+        self._bodies.pop(name, None)
+        self._pins.pop(name, None)
+        self._obstacles.pop(name, None)
+
     def _begin(self) -> None:
         """Begin all means at the present tick."""
         world = self._world

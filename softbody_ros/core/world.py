@@ -610,13 +610,15 @@ class World:
         for body in config.bodies:
             if known.get(_structure(body)) is body:
                 continue
-            shape = self._known_shapes.get(body)
-            if shape is None:
+            is_new = _structure(body) not in known
+            shape = self._known_shapes.get(body) if is_new else self._present_shape(body)
+            if shape is None and is_new:
                 shape = self._loaded_shape(body)
                 nbytes += 200 * shape[0].particle_count
-            pinned_particles(body, shape[0])
-            if _structure(body) not in known:
-                shapes[body.name] = shape
+            if shape is not None:
+                pinned_particles(body, shape[0])
+                if is_new:
+                    shapes[body.name] = shape
         made = {
             item.name: obstacles.made(item)
             for item in config.obstacles
@@ -716,6 +718,13 @@ class World:
         if key not in self._shapes:
             self._shapes[key] = self._loaded_shape(config)
         return self._shapes[key]
+
+    def _present_shape(self, config: BodyConfig) -> Shape | None:
+        """Return the shape of a body of this structure, if it is there."""
+        index = self._index.get(config.name)
+        if index is None or _structure(self._bodies[index].config) != _structure(config):
+            return None
+        return self._bodies[index].rest, self._bodies[index].regions
 
     def _loaded_shape(self, config: BodyConfig) -> Shape:
         rest = _rest_shape_of(config)

@@ -74,6 +74,7 @@ class ContactTopics:
             self._publishers.destroy(own.pop(name))
             self._was_in_contact.pop(name, None)
             self._was_in_contact.pop(('pins', name), None)
+            self._means.forget(name)
         for name in names:
             if name not in own:
                 own[name] = self._publishers.make(WrenchStamped, f'{topic}/{name}')

@@ -123,7 +123,9 @@ class SimNode(Node):
         # it awaits steps taken by the timer, whose group it must not block
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/step', self._step, callback_group=group)
-        simulation = Simulation(self._stepper, self._paused, self._restarted)
+        simulation = Simulation(
+            self._stepper, self._parameters_of_scene, self._paused, self._restarted
+        )
         simulation_interfaces_node.offer(
             self, simulation, self._frame_id, self._stamp, self._steps_taken
         )

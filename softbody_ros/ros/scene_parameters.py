@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -69,10 +69,10 @@ class SceneParameters:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self._start_values: Values = {}
         self.values: Values = self._override_values()
         self.scene = parameters.make_scene(self.values)
         self._known: Mapping[str, Setting] = {}
-        self._start_values: Values = {}
         self._proposal: _Proposal | None = None
         self._is_own_change = False
         self._new: set[str] = set()
@@ -83,9 +83,29 @@ class SceneParameters:
         # rclpy has no public access to overrides of undeclared parameters
         overrides = {name: item.value for name, item in self._node._parameter_overrides.items()}
         values, unknown = parameters.known_values(overrides)
-        for name, hint in unknown.items():
-            self._node.get_logger().warning(f'parameter {name} is unknown and ignored: {hint}')
-        return values
+        lists = parameters.scene_lists(values)
+        values |= {'bodies': lists.bodies, 'obstacles': lists.obstacles}
+        known, kept = parameters.table(lists), {}
+        for name in unknown:
+            try:
+                kept[name] = parameters.start_value(name, overrides[name], known)
+            except ConfigError as error:
+                self._node.get_logger().warning(f'{error}; it is ignored')
+        self._keep(kept)
+        return {
+            name: parameters.normal(value, known[name]) if name in known else value
+            for name, value in values.items()
+        }
+
+    def _keep(self, start_values: Values) -> None:
+        """Keep values for bodies and obstacles that are not there, and say so."""
+        before = {_owner(name) for name in self._start_values}
+        for owner in sorted({_owner(name) for name in start_values} - before):
+            self._node.get_logger().info(
+                f'{owner} is neither in bodies nor in obstacles: its parameters are kept for when '
+                'it is'
+            )
+        self._start_values = start_values
 
     def offer(self, stepper: Stepper, changed: Callable[[], None]) -> None:
         """Declare the parameters, and apply changes of them; `changed` is called after each."""
@@ -93,6 +113,9 @@ class SceneParameters:
         self._declare(self.values, self.scene)
         self.settle()
         self.start = self.values
+        for name, value in self._start_values.items():
+            of_any_type = ParameterDescriptor(dynamic_typing=True)
+            self._node.declare_parameter(name, value, of_any_type, ignore_override=True)
         self._node.add_pre_set_parameters_callback(self._normalised)
         self._node.add_on_set_parameters_callback(self._check)
         self._node.add_post_set_parameters_callback(self._use)
@@ -116,7 +139,8 @@ class SceneParameters:
                 return value
         if name in LISTS and isinstance(value, list):
             place = {each: index for index, each in enumerate(self.values[name])}
-            value = sorted(value, key=lambda each: place.get(each, len(place)))
+            value = sorted(filter(None, value), key=lambda each: place.get(each, len(place)))
+            value = value or parameters.as_parameter([], facts)
         return parameters.promoted(value, facts)
 
     def _check(self, proposed: list[Parameter]) -> SetParametersResult:
@@ -138,12 +162,10 @@ class SceneParameters:
         lists = {name: given.get(name, self.values[name]) for name in LISTS}
         known = parameters.table(parameters.scene_lists(lists))
         # of a body that becomes an obstacle nothing stays
+        present, start_values = self._known, dict(self._start_values)
         values = {
-            name: value
-            for name, value in self.values.items()
-            if known.get(name) is self._known[name]
+            name: value for name, value in self.values.items() if known.get(name) is present[name]
         }
-        start_values = dict(self._start_values)
         for name, value in given.items():
             if name in known or name in self._known:
                 continue
@@ -156,15 +178,13 @@ class SceneParameters:
                 f'there are values of {MOST_START_VALUES} parameters of bodies and obstacles that '
                 'are not there: delete some, or add these'
             )
-        new = {_owner(name) for name in known if known[name] is not self._known.get(name)}
-        for name in list(start_values):
-            if _owner(name) in new:
-                values[name] = start_values.pop(name)
-        values |= {name: value for name, value in given.items() if name in known}
-        values = {
-            name: parameters.promoted(value, known[name]) if name in known else value
-            for name, value in values.items()
-        }
+        new = {_owner(name) for name in known if known[name] is not present.get(name)}
+        taken = [name for name in start_values if _owner(name) in new]
+        others = {name: start_values.pop(name) for name in taken}
+        others |= {name: value for name, value in given.items() if name in known}
+        for name, value in others.items():
+            facts = known.get(name)  # the scene refuses others
+            values[name] = value if facts is None else parameters.normal(value, facts)
         scene = parameters.make_scene(values)
         prepared = self._stepper.prepare(scene.world, self._new)
         return _Proposal(values, start_values, scene, prepared)
@@ -174,15 +194,30 @@ class SceneParameters:
             return
         proposal, self._proposal = self._proposal, None
         assert proposal is not None  # of the check just before
-        for name in proposal.start_values.keys() - self._start_values.keys():
-            self._node.get_logger().info(
-                f'{name} is kept for a body or an obstacle of that name, until it is in bodies or '
-                'obstacles'
-            )
-        self._start_values = proposal.start_values
+        self._keep(proposal.start_values)
         self._stepper.adopt(proposal.prepared)
         self._declare(proposal.values, proposal.scene)
         self._changed()
+
+    def request(self, values: Values) -> None:
+        """
+        Set parameters in one request, as a client does.
+
+        Raises
+        ------
+        ConfigError, MeshError
+            if it is refused; nothing has changed then.
+
+        """
+        items = [
+            Parameter(name, value=list(value) or [''] if name in LISTS else value)
+            for name, value in values.items()
+        ]
+        proposal = self._proposed(self._normalised(items))  # to know the kind of error
+        result = self._node.set_parameters_atomically(items)
+        if not result.successful:
+            raise ConfigError(result.reason)
+        del proposal  # till now: what it has loaded is not loaded again
 
     # ------------------------------------------------------------------------------ declarations
     def _declare(self, values: Values, scene: Scene, renewed: Collection[str] = ()) -> None:
@@ -192,11 +227,11 @@ class SceneParameters:
         Those of the `renewed` bodies and obstacles are declared anew.
         """
         before, known = self._known, parameters.table(parameters.scene_lists(values))
-        gone = [
+        gone = {
             name
             for name in before
             if known.get(name) is not before[name] or _owner(name) in renewed
-        ]
+        }
         new = [name for name in known if name in gone or name not in before]
         for name in {_owner(name) for name in gone} - {''}:
             self._looks[name] = {
@@ -207,7 +242,7 @@ class SceneParameters:
         self._new = {name for name in self._new | {_owner(name) for name in new} if name}
         self._known, self.scene = known, scene
         self.values = {
-            name: parameters.as_parameter(values.get(name, facts.default), facts)
+            name: values[name] if name in values else parameters.normal(facts.default, facts)
             for name, facts in known.items()
         }
         with self._own_change():
@@ -263,7 +298,8 @@ class SceneParameters:
             'obstacles': tuple(obstacle.name for obstacle in config.obstacles),
         }
         known = parameters.table(SceneLists(**lists))
-        values = {name: value for name, value in self.values.items() if name in known} | lists
+        values = {name: value for name, value in self.values.items() if name in known}
+        values |= {name: parameters.normal(value, known[name]) for name, value in lists.items()}
         for name in renewed:
             values |= self._values_of(wanted[name])
         self._declare(values, parameters.make_scene(values), renewed)

@@ -10,18 +10,21 @@ Only `simulation_interfaces_node` imports the messages.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import functools
 import math
 import re
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 import trimesh
 
-from softbody_ros.core import RigidFit, World
+from softbody_ros.core import ConfigError, MeshError, RigidFit, World
 from softbody_ros.core.config import LARGEST
+from softbody_ros.scene import resources
+from softbody_ros.scene.resources import Pose, Problem, ResourceError
 from softbody_ros.timeline.history import Checkpoint
 from softbody_ros.timeline.stepper import Stepper
 
@@ -29,10 +32,16 @@ from softbody_ros.timeline.stepper import Stepper
 FEATURE_UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, OPERATION_FAILED = range(5)
 ALREADY_IN_TARGET_STATE, STATE_TRANSITION_ERROR = 101, 102
 INVALID_POSE = 101
+# SpawnEntity, SpawnEntities
+(
+    NAME_NOT_UNIQUE, NAME_INVALID, UNSUPPORTED_FORMAT, NO_RESOURCE, NAMESPACE_INVALID,
+    RESOURCE_PARSE_ERROR, MISSING_ASSETS, UNSUPPORTED_ASSETS, INVALID_SPAWN_POSE,
+) = range(101, 110)  # fmt: skip
+ENTITIES_SPAWN_FAILED = 150
 # SimulationState
 STOPPED, PLAYING, PAUSED, QUITTING = range(4)
 # ResetSimulation
-SCOPE_DEFAULT, SCOPE_STATE, SCOPE_ALL = 0, 2, 255
+SCOPE_DEFAULT, SCOPE_TIME, SCOPE_STATE, SCOPE_SPAWNED, SCOPE_ALL = 0, 1, 2, 4, 255
 # Bounds
 UNBOUNDED, SPHERE = 0, 3
 
@@ -41,12 +50,27 @@ FEATURES = {
     'get_entities': (),
     'get_entity_state': (10,),  # ENTITY_STATE_GETTING
     'set_entity_state': (11,),  # ENTITY_STATE_SETTING
-    'reset_simulation': (20, 22),  # SIMULATION_RESET, SIMULATION_RESET_STATE
+    'spawn_entity': (0, 9),  # SPAWNING, SPAWNING_RESOURCE_STRING
+    'delete_entity': (1,),  # DELETING
+    'reset_simulation': (20, 22, 23),  # SIMULATION_RESET, …_STATE, …_SPAWNED
     'get_simulation_state': (24,),  # SIMULATION_STATE_GETTING
     'set_simulation_state': (25, 26),  # SIMULATION_STATE_SETTING, SIMULATION_STATE_PAUSE
     'step_simulation': (31, 32),  # STEP_SIMULATION_SINGLE, STEP_SIMULATION_MULTIPLE
+    'spawn_entities': (50,),  # SPAWNING_ENTITIES
 }
 """Features that each registered service lets the simulator advertise (SimulatorFeatures)."""
+OF_LATER_VERSIONS = ('spawn_entities',)
+"""Services that versions of the package before 1.6 and 2.1 do not have."""
+PROBLEMS = {
+    Problem.NOTHING_GIVEN: NO_RESOURCE,
+    Problem.FORMAT: UNSUPPORTED_FORMAT,
+    Problem.CONTENT: RESOURCE_PARSE_ERROR,
+    Problem.MISSING_MESH: MISSING_ASSETS,
+    Problem.MESH: UNSUPPORTED_ASSETS,
+    Problem.NAME: NAME_INVALID,
+    Problem.NAME_TAKEN: NAME_NOT_UNIQUE,
+    Problem.POSE: INVALID_SPAWN_POSE,
+}
 POSIX_CLASSES = {
     'alpha': 'a-zA-Z', 'digit': '0-9', 'alnum': 'a-zA-Z0-9', 'upper': 'A-Z', 'lower': 'a-z',
     'space': r'\s', 'blank': r' \t', 'punct': '_', 'xdigit': '0-9A-Fa-f', 'word': r'\w',
@@ -68,6 +92,16 @@ def features(registered: Iterable[str]) -> list[int]:
     return sorted(feature for name in registered for feature in FEATURES[name])
 
 
+class Scene(Protocol):
+    """The parameters of the scene: now, and at the start of the node."""
+
+    values: Mapping[str, Any]
+    start: Mapping[str, Any]
+
+    def request(self, values: Mapping[str, Any]) -> None:
+        """Set parameters in one request, or raise ConfigError or MeshError without effect."""
+
+
 class Simulation:
     """
     A stepper with the states of the standard: stopped, playing or paused.
@@ -75,17 +109,24 @@ class Simulation:
     Parameters
     ----------
     stepper : Stepper
+    scene : Scene
     pause, reset : callable
         handlers of the node's own services of these names; `pause(on)` returns a reason or ''
 
     """
 
     def __init__(
-        self, stepper: Stepper, pause: Callable[[bool], str], reset: Callable[[], None]
+        self,
+        stepper: Stepper,
+        scene: Scene,
+        pause: Callable[[bool], str],
+        reset: Callable[[], None],
     ) -> None:
-        self._stepper = stepper
+        self._stepper, self._scene = stepper, scene
         self._pause, self._reset = pause, reset
         self._stopped: Checkpoint | None = None
+        # what has been added as one entity, by its name
+        self._members: dict[str, tuple[str, ...]] = {}
 
     @property
     def world(self) -> World:
@@ -102,14 +143,48 @@ class Simulation:
         return STOPPED if begins else PAUSED
 
     def reset(self, scope: int) -> Outcome:
-        """Reset the bodies; time is the clock's, and there are no spawned entities."""
-        if scope not in (SCOPE_DEFAULT, SCOPE_STATE, SCOPE_ALL):
+        """
+        Reset the bodies, or what bodies and obstacles there are, or both; time is the clock's.
+
+        Parameters
+        ----------
+        scope : int
+            SCOPE_SPAWNED removes what has been added since the start of the node; SCOPE_ALL also
+            adds what has been removed since
+
+        """
+        everything = scope in (SCOPE_DEFAULT, SCOPE_ALL)
+        if not everything and scope not in (
+            SCOPE_STATE,
+            SCOPE_SPAWNED,
+            SCOPE_STATE | SCOPE_SPAWNED,
+        ):
             return Outcome(
                 FEATURE_UNSUPPORTED,
-                f'scope {scope} cannot be reset: use SCOPE_STATE (2) or SCOPE_ALL (255)',
+                f'scope {scope} cannot be reset: use SCOPE_STATE (2), SCOPE_SPAWNED (4), both (6) '
+                'or SCOPE_ALL (255)',
             )
-        self._reset()
+        if everything or scope & SCOPE_SPAWNED:
+            try:
+                self._scene.request(self._start_scene(with_removed=everything))
+            except (ConfigError, MeshError) as error:
+                return Outcome(OPERATION_FAILED, str(error))
+            self._members.clear()
+        if everything or scope & SCOPE_STATE:
+            self._reset()
         return Outcome()
+
+    def _start_scene(self, with_removed: bool) -> dict[str, Any]:
+        """Return a request for the bodies and obstacles that there were at the start."""
+        start, now, request = self._scene.start, self._scene.values, {}
+        for kind in ('bodies', 'obstacles'):
+            kept = [name for name in start[kind] if with_removed or name in now[kind]]
+            request[kind] = kept
+            back = [f'{name}.' for name in kept if name not in now[kind] and name]
+            request |= {
+                name: value for name, value in start.items() if name.startswith(tuple(back))
+            }
+        return request
 
     def set_state(self, state: int) -> Outcome:
         """Play, pause, or stop, i.e. pause at the initial state."""
@@ -225,7 +300,7 @@ class Simulation:
             velocity of that frame's origin, m/s, and angular velocity, rad/s, world axes
 
         """
-        if name not in self.world.names:
+        if name not in self._names:
             return self._unknown(name)
         if pose is not None:
             position, quaternion = (np.asarray(item, dtype=float) for item in pose)
@@ -249,10 +324,76 @@ class Simulation:
         self._stepper.publish_now()
         return Outcome()
 
+    # ------------------------------------------------------------------------ they come and go
+    def spawn(
+        self,
+        name: str,
+        may_rename: bool = False,
+        uri: str = '',
+        text: str = '',
+        namespace: str = '',
+        pose: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+    ) -> tuple[Outcome, str]:
+        """
+        Add a mesh as a body, or the bodies and obstacles of a scene file, see `resources`.
+
+        Returns
+        -------
+        Outcome
+        str
+            the name of the entity, '' if there is none
+
+        """
+        if namespace:
+            reason = (
+                f'entity_namespace is {namespace!r}: entities have no namespaces, leave it empty'
+            )
+            return Outcome(NAMESPACE_INVALID, reason), ''
+        if not (np.abs(pose[0]) <= LARGEST).all():
+            reason = f'position {list(pose[0])} is not within {LARGEST:g} m'
+            return Outcome(INVALID_SPAWN_POSE, reason), ''
+        values = self._scene.values
+        taken = [*values['bodies'], *values['obstacles'], *self._members]
+        try:
+            resource = resources.read_resource(uri, text)
+            entity = resources.make_entity(resource, name, may_rename, pose, taken)
+            lists = {
+                'bodies': [*values['bodies'], *entity.bodies],
+                'obstacles': [*values['obstacles'], *entity.obstacles],
+            }
+            self._scene.request(entity.values | lists)
+        except ResourceError as error:
+            return Outcome(PROBLEMS[error.problem], str(error)), ''
+        except MeshError as error:
+            code = RESOURCE_PARSE_ERROR if resource.is_mesh else UNSUPPORTED_ASSETS
+            return Outcome(code, str(error)), ''
+        except ConfigError as error:
+            return Outcome(RESOURCE_PARSE_ERROR, str(error)), ''
+        self._members[entity.name] = (*entity.bodies, *entity.obstacles)
+        return Outcome(), entity.name
+
+    def delete(self, name: str) -> Outcome:
+        """Remove an entity: a body or an obstacle, with all that was added with it."""
+        members = {name, *self._members.get(name, ())}
+        values = self._scene.values
+        lists = {
+            kind: [each for each in values[kind] if each not in members]
+            for kind in ('bodies', 'obstacles')
+        }
+        if all(len(lists[kind]) == len(values[kind]) for kind in lists):
+            return self._unknown(name)
+        self._scene.request(lists)
+        self._members.pop(name, None)
+        return Outcome()
+
     def _unknown(self, name: str) -> Outcome:
-        return Outcome(
-            NOT_FOUND, f'there is no entity {name!r}: known are {", ".join(self.world.names)}'
-        )
+        known = ', '.join(self._names) or 'none'
+        return Outcome(NOT_FOUND, f'there is no entity {name!r}: known are {known}')
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Names of the bodies; during a replay those at its end."""
+        return tuple(body.name for body in self._stepper.config.bodies)
 
 
 def _without_classes(pattern: str) -> str:

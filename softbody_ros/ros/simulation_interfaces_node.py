@@ -18,13 +18,16 @@ from rclpy.type_support import check_for_type_support
 
 from softbody_ros.ros import messages
 from softbody_ros.ros.simulation_interfaces import (
+    ENTITIES_SPAWN_FAILED,
     FEATURES,
+    OF_LATER_VERSIONS,
     OK,
     OPERATION_FAILED,
     Outcome,
     Simulation,
     features,
 )
+from softbody_ros.scene.resources import FORMATS, Pose
 
 PACKAGE = 'simulation_interfaces.srv'
 
@@ -33,9 +36,11 @@ def interfaces(node: Node) -> dict[str, type]:
     """Return the types of the offered services by name; none if the package is not usable."""
     try:
         module = importlib.import_module(PACKAGE)
+        types = {name: ''.join(map(str.capitalize, name.split('_'))) for name in FEATURES}
         kinds = {
-            name: getattr(module, ''.join(word.capitalize() for word in name.split('_')))
-            for name in FEATURES
+            name: getattr(module, kind)
+            for name, kind in types.items()
+            if name not in OF_LATER_VERSIONS or hasattr(module, kind)
         }
         for kind in kinds.values():
             check_for_type_support(kind)
@@ -76,7 +81,7 @@ def offer(
 
     """
     kinds = interfaces(node)
-    server = _Server(simulation, frame_id, stamp, steps_taken)
+    server = _Server(simulation, frame_id, stamp, steps_taken, list(kinds))
     for name, kind in kinds.items():
         if name == 'step_simulation':
             # it awaits steps taken by the timer, whose group it must not block
@@ -96,9 +101,11 @@ class _Server:
         frame_id: str,
         stamp: Callable[[], int],
         steps_taken: Callable[[], Awaitable[str]],
+        names: list[str],
     ) -> None:
         self._simulation = simulation
         self._frame_id = frame_id
+        self._names = names
         self._stamp, self._steps_taken = stamp, steps_taken
 
     def answer(self, name: str) -> Callable[[Any, Any], Any]:
@@ -122,7 +129,8 @@ class _Server:
         return _with(response, outcome)
 
     def get_simulator_features(self, _: Any, response: Any) -> Any:
-        response.features.features = features(FEATURES)
+        response.features.features = features(self._names)
+        response.features.spawn_formats = list(FORMATS)
         response.features.custom_info = 'softbody_ros: entities are soft bodies'
         return response
 
@@ -147,6 +155,42 @@ class _Server:
         )
         return _with(response, outcome)
 
+    def spawn_entity(self, request: Any, response: Any) -> Any:
+        outcome, response.entity_name = self._spawned(request)
+        return _with(response, outcome)
+
+    def spawn_entities(self, request: Any, response: Any) -> Any:
+        result = importlib.import_module('simulation_interfaces.msg').SpawnResult
+        outcomes = []
+        for each in request.spawn_requests:
+            outcome, name = self._spawned(each)
+            outcomes.append(outcome)
+            response.results.append(_with(result(entity_name=name), outcome))
+        failed = [outcome.message for outcome in outcomes if outcome.code != OK]
+        if not failed:
+            return _with(response, Outcome())
+        reason = f'{len(failed)} of {len(outcomes)} are not there: {failed[0]}'
+        return _with(response, Outcome(ENTITIES_SPAWN_FAILED, reason))
+
+    def _spawned(self, request: Any) -> tuple[Outcome, str]:
+        frame_id = request.initial_pose.header.frame_id
+        if frame_id not in ('', self._frame_id):
+            reason = f'frame_id is {frame_id!r}: poses are given in {self._frame_id!r}'
+            return Outcome(OPERATION_FAILED, reason), ''
+        # of the service in version 1 these are fields of its own
+        resource = getattr(request, 'entity_resource', request)
+        return self._simulation.spawn(
+            request.name,
+            request.allow_renaming,
+            resource.uri,
+            resource.resource_string,
+            request.entity_namespace,
+            _pose(request.initial_pose.pose),
+        )
+
+    def delete_entity(self, request: Any, response: Any) -> Any:
+        return _with(response, self._simulation.delete(request.entity))
+
     def get_entity_state(self, request: Any, response: Any) -> Any:
         outcome, fit = self._simulation.entity_state(request.entity)
         if fit is not None:
@@ -162,15 +206,21 @@ class _Server:
         pose = twist = None
         # versions before 2 always set both
         if getattr(request, 'set_pose', True):
-            position, orientation = state.pose.position, state.pose.orientation
-            pose = (
-                (position.x, position.y, position.z),
-                (orientation.x, orientation.y, orientation.z, orientation.w),
-            )
+            pose = _pose(state.pose)
         if getattr(request, 'set_twist', True):
             linear, angular = state.twist.linear, state.twist.angular
             twist = (linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z)
         return _with(response, self._simulation.set_entity_state(request.entity, pose, twist))
+
+
+def _pose(pose: Any) -> Pose:
+    position, orientation = pose.position, pose.orientation
+    return (position.x, position.y, position.z), (
+        orientation.x,
+        orientation.y,
+        orientation.z,
+        orientation.w,
+    )
 
 
 def _with(response: Any, outcome: Outcome) -> Any:

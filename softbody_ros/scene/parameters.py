@@ -302,17 +302,11 @@ def start_value(name: str, value: Any, known: Collection[str]) -> Any:
         if it cannot be that of a body or an obstacle, or its name looks misspelt.
 
     """
-    owner, _, dotted = name.partition('.')
-    taken = {each.split('.')[0] for each in known}
+    dotted = name.partition('.')[2]
     tables = [table[dotted] for table in (BODY_TABLE, OBSTACLE_TABLE) if dotted in table]
-    # ball_2 beside ball is no slip of the hand
-    others = [each for each in taken if _stem(each) != _stem(owner)]
-    misspelt = difflib.get_close_matches(owner, others, n=1, cutoff=MISSPELT)
-    if owner in taken or misspelt or not tables or not NAME_PATTERN.fullmatch(owner):
-        near = [each for each in known if each.startswith(f'{owner}.')] or list(known)
-        if not misspelt and owner not in taken and dotted:
-            near = [f'{owner}.{each}' for each in {**BODY_TABLE, **OBSTACLE_TABLE}]
-        raise ConfigError(f'unknown parameter {name}: {unknown_name(name, near)}')
+    hint = _what_is_wrong(name, known)
+    if hint:
+        raise ConfigError(f'unknown parameter {name}: {hint}')
     refusals = []
     for facts in tables:
         try:
@@ -320,6 +314,27 @@ def start_value(name: str, value: Any, known: Collection[str]) -> Any:
         except ConfigError as refusal:
             refusals.append(refusal)
     raise refusals[0]
+
+
+def _what_is_wrong(name: str, known: Collection[str]) -> str:
+    """Return why a name is not that of a parameter of a body that is not there, or ''."""
+    owner, _, dotted = name.partition('.')
+    owners = {each.split('.')[0] for each in known}
+    if not dotted:
+        return unknown_name(name, list(known))
+    if owner in owners:
+        return unknown_name(name, [each for each in known if each.startswith(f'{owner}.')])
+    if not NAME_PATTERN.fullmatch(owner):
+        return f'{owner!r} cannot be the name of a body or an obstacle'
+    # ball_2 beside ball is no slip of the hand
+    others = [each for each in owners if _stem(each) != _stem(owner)]
+    if difflib.get_close_matches(owner, others, n=1, cutoff=MISSPELT):
+        return unknown_name(name, list(known))
+    possible = {**BODY_TABLE, **OBSTACLE_TABLE}
+    if dotted in possible:
+        return ''
+    close = difflib.get_close_matches(dotted, possible, n=1)
+    return f'did you mean {owner}.{close[0]}?' if close else 'no body and no obstacle has that'
 
 
 def _stem(name: str) -> str:
@@ -346,6 +361,11 @@ def as_parameter(value: Any, facts: Setting) -> Any:
     if isinstance(value, (tuple, list)):
         return list(value) or ([''] if facts.items is str else [-1])
     return value
+
+
+def normal(value: Any, facts: Setting) -> Any:
+    """Return a value as it is declared: floats where they are meant, no empty lists."""
+    return as_parameter(promoted(value, facts), facts)
 
 
 def type_name(facts: Setting) -> str:

@@ -59,6 +59,11 @@ def read_scene(path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
     except (OSError, UnicodeError) as error:
         reason = getattr(error, 'strerror', None) or 'it is not UTF-8 text'
         raise ConfigError(f'scene {path} cannot be read: {reason}') from None
+    return scene_of(text, path, assignments)
+
+
+def scene_of(text: str, path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the values in the text of a file, see `read_scene`; `path` is for messages only."""
     sections: dict[str, dict[str, Any]] = {}
     root = _composed(text, f'scene {path}')
     if root is not None:

@@ -168,11 +168,16 @@ class Stepper:
             self._deferred.append((action, nbytes))
             # a replay may be long: of the clouds received meanwhile the last ones are enough
             while sum(size for _, size in self._deferred) > self.history.most_for_actions:
-                self._deferred.pop(0)
+                self._deferred.pop(self._first_to_forget())
             return
         action(self.world)
         self._config = self.world.config
         self.history.log(self.world.tick, action, nbytes)
+
+    def _first_to_forget(self) -> int:
+        """Return the index of a deferred action: not of one that adds or removes."""
+        acts = (not isinstance(action, Adoption) for action, _ in self._deferred)
+        return next((index for index, is_input in enumerate(acts) if is_input), 0)
 
     @property
     def config(self) -> WorldConfig:
