@@ -17,7 +17,7 @@ from typing import Any
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
 import numpy as np
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import JointState, PointCloud2, PointField
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.core.collision.point_obstacles import NO_POINTS, PointObstacles, thinned
@@ -31,6 +31,7 @@ from softbody_ros.core.config import (
 )
 from softbody_ros.core.external_inputs import (
     MOST_DYNAMIC_OBSTACLES,
+    ROBOT,
     ObstacleRemoval,
     ObstacleUpdate,
 )
@@ -95,6 +96,8 @@ def obstacle_changes(
 def _change(
     marker: Marker, frame_id: str, time_step: float, pace: float
 ) -> ObstacleUpdate | ObstacleRemoval:
+    if marker.ns.startswith(ROBOT):
+        raise InputError(f'its ns begins with {ROBOT}, as of the links of a robot: choose another')
     if marker.action == Marker.DELETE:
         return ObstacleRemoval(marker.ns, marker.id)
     if marker.action == Marker.DELETEALL:
@@ -306,6 +309,47 @@ def gravity(message: Vector3Stamped, frame_id: str) -> tuple[float, ...]:
             f'vector is {in_brackets(vector)}: its length must be at most {largest:g} m/s²'
         )
     return vector
+
+
+# ---------------------------------------------------------------------------------------- joints
+def joint_readings(
+    message: JointState,
+) -> tuple[int, list[tuple[str, float, float | None]], str]:
+    """
+    Return stamp, ns, and name, position and velocity of the joints in a message, and a warning.
+
+    A velocity that is not sent, or no number, is None. The warning is about joints that are left
+    out, or ''.
+
+    Raises
+    ------
+    InputError
+        if it says nothing of positions.
+
+    """
+    names, positions, velocities = message.name, message.position, message.velocity
+    if len(positions) != len(names):
+        raise InputError(f'it has {len(names)} names and {len(positions)} positions: send as many')
+    if len(velocities) not in (0, len(names)):
+        raise InputError(
+            f'it has {len(names)} names and {len(velocities)} velocities: or send none'
+        )
+    readings: list[tuple[str, float, float | None]] = []
+    bad = []
+    for name, position, velocity in zip(
+        names, positions, velocities or [None] * len(names), strict=True
+    ):
+        if not abs(position) <= LARGEST:
+            bad.append(f'position of {_quoted(name)} is {position:g}')
+            continue
+        if velocity is not None and not abs(velocity) <= LARGEST:
+            velocity = None
+        readings.append((name, position, velocity))
+    stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    if not bad:
+        return stamp, readings, ''
+    more = f' (and {len(bad) - 1} more like this)' if len(bad) > 1 else ''
+    return stamp, readings, f'{bad[0]}{more}, and is ignored: it must be within ±{LARGEST:g}'
 
 
 # ---------------------------------------------------------------------------------------- common

@@ -29,8 +29,9 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
@@ -40,11 +41,13 @@ from softbody_ros.core.warm_up import compile_ahead
 from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
 from softbody_ros.ros.contact_topics import ContactTopics
 from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
+from softbody_ros.ros.robot import DESCRIPTION, JOINT_STATES, RobotLinks
 from softbody_ros.ros.simulation_interfaces import Simulation
 from softbody_ros.ros.spinning import spin
 from softbody_ros.ros.subscribers import InputTopics
 from softbody_ros.ros.viewer_process import viewer_of
 from softbody_ros.scene import parameters
+from softbody_ros.scene.robot import Robot
 from softbody_ros.timeline.stepper import MEBIBYTE, Stepper
 
 SHORTEST_PERIOD = 0.004
@@ -84,6 +87,11 @@ class SimNode(Node):
         self._create_services()
         self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node)
         self._gravity_source = self._inputs.gravity_source
+        self._robot = RobotLinks(
+            self._stepper, lambda: self._scene.node, self._inputs.warn, self._use_links
+        )
+        self._hears_robot = False
+        self._configure_robot()
         self._publish_rest_mesh()
         self._obstacle_markers = ObstacleMarkers(self, self._stepper, self._frame_id)
         self._world.load_kernels()
@@ -139,12 +147,24 @@ class SimNode(Node):
         self._stepper.history.memory = self._history_bytes()
         self._stepper.set_time_scale(self._scene.node.time_scale, self._now())
         self._stepper.rates = self._rates()
+        self._configure_robot()
 
     def _history_bytes(self) -> float:
         return self._scene.node.history_memory * MEBIBYTE
 
     def _rates(self) -> dict[str, float]:
         return {'points': self._scene.node.points_rate, 'mesh': self._scene.node.mesh_rate}
+
+    def _configure_robot(self) -> None:
+        if self._scene.node.robot_links and not self._hears_robot:
+            self._hears_robot = True
+            self._inputs.listen(DESCRIPTION, String, self._robot.describe, latched=True)
+            self._inputs.listen(JOINT_STATES, JointState, self._robot.note_joints)
+        self._robot.configure()
+
+    def _use_links(self, robot: Robot | None) -> None:
+        links = robot.links if robot is not None else ()
+        self._contacts.use_links(links, self.destroy_publisher)
 
     # -------------------------------------------------------------------------------- interfaces
     def _create_publishers(self) -> None:
@@ -272,6 +292,7 @@ class SimNode(Node):
         return self._follows_clock() and self._now() == 0
 
     def _drive(self) -> None:
+        self._robot.update()
         self._advance()
         self._obstacle_markers.update(due=False)
 
@@ -431,7 +452,7 @@ class SimNode(Node):
             'simulated time (s)': f'{self._world.time:.3f}',
         }
         self._inputs.hear_everyone()
-        values |= self._inputs.report()
+        values |= self._inputs.report() | self._robot.report()
         if self._gravity_source != self._inputs.gravity_source:
             self._gravity_source = self._inputs.gravity_source
             self.get_logger().info(

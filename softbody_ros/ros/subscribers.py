@@ -28,6 +28,7 @@ from softbody_ros.core.external_inputs import (
     Key,
     ObstacleRemoval,
     ObstacleUpdate,
+    is_link,
 )
 from softbody_ros.ros import message_parsing
 from softbody_ros.ros.message_parsing import InputError
@@ -80,6 +81,33 @@ class InputTopics:
         for topic in self._topics:
             self._subscribe(topic, NEWEST_CLOUDS if topic.kind is PointCloud2 else RELIABLE)
 
+    def listen(
+        self,
+        name: str,
+        kind: type,
+        use: Callable[[Any, NodeConfig], str],
+        latched: bool = False,
+    ) -> None:
+        """
+        Listen to another topic.
+
+        Parameters
+        ----------
+        name : str
+        kind : type
+            of its messages
+        use : callable
+            uses a message, with the present NodeConfig, and returns a warning or ''
+        latched : bool
+            whether messages are usually kept there for later subscribers
+
+        """
+        topic = _Topic(name, kind, use)
+        self._topics.append(topic)
+        self._subscribe(topic, RELIABLE)
+        if latched:
+            self._subscribe(topic, LATCHED)
+
     def _subscribe(self, topic: _Topic, qos: QoSProfile) -> None:
         received = partial(self._received, topic)
         subscription = self._node.create_subscription(topic.kind, topic.name, received, qos)
@@ -120,11 +148,15 @@ class InputTopics:
         if problem:
             self._warn(topic.name, problem)
 
+    def warn(self, topic: str, problem: str) -> None:
+        """Say something about a topic, however soon after something else."""
+        self._node.get_logger().warning(f'{topic}: {problem}')
+
     def _warn(self, topic: str, problem: str) -> None:
         now = time.monotonic()
         if now - self._warned.get(topic, -WARNING_PERIOD) >= WARNING_PERIOD:
             self._warned[topic] = now
-            self._node.get_logger().warning(f'{topic}: {problem}')
+            self.warn(topic, problem)
 
     def _act(self, action: Callable[..., Any], nbytes: int, **arguments: Any) -> None:
         self._stepper.act(partial(action, **arguments), nbytes)
@@ -230,7 +262,7 @@ class InputTopics:
         return {
             'gravity (m/s²)': f'[{vector}]',
             'gravity source': source,
-            'received obstacles': str(len(inputs.dynamic_obstacles)),
+            'received obstacles': str(sum(not is_link(key) for key in inputs.dynamic_obstacles)),
             'received obstacle points': str(len(inputs.points)),
             'ignored obstacle points, on bodies': str(inputs.points.ignored),
             'received wrenches': str(len(inputs.wrenches)),
