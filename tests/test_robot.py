@@ -77,6 +77,10 @@ def mesh_link(path, scale='1 1 1', origin=''):
     )
 
 
+def move(world, robot, state, seconds):
+    move_robot(world, robot, {robot.root: state} if robot else {}, seconds)
+
+
 def state_of(robot, positions, velocities=(), **values):
     q = np.array([positions.get(name, 0.0) for name in robot.joints])
     v = np.array([dict(velocities).get(name, 0.0) for name in robot.joints])
@@ -152,7 +156,7 @@ def only_obstacle(urdf, problems=()):
     for sentence, pattern in zip(said, problems, strict=True):
         assert re.search(pattern, sentence), sentence
     world = World(WorldConfig(obstacles=()))
-    move_robot(world, robot, state_of(robot, {}), 0.5)
+    move(world, robot, state_of(robot, {}), 0.5)
     (obstacle,) = world.obstacles
     return obstacle
 
@@ -225,7 +229,7 @@ def test_shapes_are_made_once_and_shared_by_all_updates():
     world = World(WorldConfig(obstacles=()))
     trees = set()
     for lift in (0.0, 0.1, 0.2):
-        move_robot(world, robot, state_of(robot, {'hoist': lift}), 0.5)
+        move(world, robot, state_of(robot, {'hoist': lift}), 0.5)
         (palm,) = world.obstacles
         trees.add(id(palm.tree))
         assert palm.position[2] == pytest.approx(lift + 0.135)
@@ -351,7 +355,7 @@ def gripped(ticks_per_state=5, velocities=True, h=1 / 240, until=4.0, watch=lamb
             previous = q
             approach = period if world.tick else 0.0
             state = state_of(robot, q, v if velocities else {}, approach=approach)
-            move_robot(world, robot, state, 0.5)
+            move(world, robot, state, 0.5)
         world.step()
         watch(world, robot)
     return world, robot
@@ -424,12 +428,12 @@ def test_links_are_exactly_where_states_say_when_the_next_one_comes():
     robot, _ = read_robot(with_shapes(ARM), ['*'])
     random = np.random.default_rng(1)
     q, v = random.normal(size=(2, len(robot.joints)))
-    move_robot(world, robot, RobotState(q, v), 0.5)
+    move(world, robot, RobotState(q, v), 0.5)
     period = 5 / 240
     for _ in range(20):
         q, v = q + random.normal(scale=0.01, size=len(q)), random.normal(size=len(v))
         target = robot.motions(RobotState(q, v))[-len(robot.shapes) :]
-        move_robot(world, robot, RobotState(q, v, approach=period), 0.5)
+        move(world, robot, RobotState(q, v, approach=period), 0.5)
         world.step(5)
         for obstacle, motion in zip(world.obstacles, target, strict=True):
             turn = Rotation.from_rotvec(period * motion['angular']).as_matrix()
@@ -443,7 +447,7 @@ def test_links_are_exactly_where_states_say_when_the_next_one_comes():
 def test_links_go_on_for_the_timeout_and_then_stand_still():
     world = World(WorldConfig(bodies=(), obstacles=()))
     robot, _ = read_robot(GRIPPER, ['left_finger'])
-    move_robot(world, robot, state_of(robot, {}, {'hoist': 0.1}), 0.25)
+    move(world, robot, state_of(robot, {}, {'hoist': 0.1}), 0.25)
     world.step(240)
     assert world.obstacles[0].position[2] == pytest.approx(0.06 + 0.025, abs=1e-12)
     assert not world.obstacles[0].moves
@@ -452,9 +456,9 @@ def test_links_go_on_for_the_timeout_and_then_stand_still():
 def test_a_leap_is_no_motion():
     world = World(WorldConfig(bodies=(), obstacles=()))
     robot, _ = read_robot(GRIPPER, ['left_finger'])
-    move_robot(world, robot, state_of(robot, {}), 0.5)
+    move(world, robot, state_of(robot, {}), 0.5)
     leap = 2.0 * FASTEST_CORRECTION * 0.02
-    move_robot(world, robot, state_of(robot, {'hoist': leap}, approach=0.02), 0.5)
+    move(world, robot, state_of(robot, {'hoist': leap}, approach=0.02), 0.5)
     assert world.obstacles[0].position[2] == pytest.approx(0.06 + leap)
     assert not world.obstacles[0].moves
 
@@ -464,7 +468,7 @@ def test_absurd_joints_make_no_absurd_obstacles():
     robot, _ = read_robot(with_shapes(ARM), ['*'])
     for value in (1e6, -1e6):
         q = np.full(len(robot.joints), value)
-        move_robot(world, robot, RobotState(q, 1e6 * q, (value,) * 3, approach=0.01), 0.5)
+        move(world, robot, RobotState(q, 1e6 * q, (value,) * 3, approach=0.01), 0.5)
         world.step(3)
         for obstacle in world.obstacles:
             assert np.isfinite(obstacle.position).all()
@@ -477,14 +481,14 @@ def test_a_robot_is_replaced_and_removed_as_a_whole():
     gripper, _ = read_robot(GRIPPER, ['*'])
     table = ObstacleUpdate(('mine', 1), ObstacleConfig(name='marker', type='box'))
     world.change_obstacles([table])
-    move_robot(world, arm, state_of(arm, {}), 0.5)
+    move(world, arm, state_of(arm, {}), 0.5)
     assert len(world.obstacles) == 2 + 8
-    move_robot(world, gripper, state_of(gripper, {}), 0.5)
+    move(world, gripper, state_of(gripper, {}), 0.5)
     names = [obstacle.config.name for obstacle in world.obstacles]
     assert names == ['ground', 'marker', 'palm', *2 * ['left_finger'], *2 * ['right_finger']]
     world.change_obstacles([ObstacleRemoval()])  # of others: a DELETEALL
     assert [obstacle.config.name for obstacle in world.obstacles][:2] == ['ground', 'palm']
-    move_robot(world, None, RobotState(np.zeros(0), np.zeros(0)), 0.5)
+    move(world, None, RobotState(np.zeros(0), np.zeros(0)), 0.5)
     assert [obstacle.config.name for obstacle in world.obstacles] == ['ground']
 
 
@@ -495,10 +499,10 @@ def test_a_finger_that_starts_to_move_wakes_what_lies_on_it_and_one_elsewhere_do
     ]
     world = World(WorldConfig(bodies=tuple(bodies), **FIRM))
     robot, _ = read_robot(GRIPPER, ['palm'])
-    move_robot(world, robot, state_of(robot, {}), 0.5)
+    move(world, robot, state_of(robot, {}), 0.5)
     world.step(480)
     assert world.is_asleep('low') and world.is_asleep('high')
-    move_robot(world, robot, state_of(robot, {}, {'hoist': 0.1}, approach=0.01), 0.5)
+    move(world, robot, state_of(robot, {}, {'hoist': 0.1}, approach=0.01), 0.5)
     world.step(5)
     assert world.is_asleep('low') and not world.is_asleep('high')
 
@@ -506,9 +510,9 @@ def test_a_finger_that_starts_to_move_wakes_what_lies_on_it_and_one_elsewhere_do
 def test_a_snapshot_in_the_middle_of_an_approach_continues_bit_by_bit():
     world = World(WorldConfig(bodies=(BALL_BODY,), **FIRM))
     robot, _ = read_robot(GRIPPER, ['*finger', 'palm'], 1.3)
-    move_robot(world, robot, state_of(robot, {'grip': 0.05}), 0.5)
+    move(world, robot, state_of(robot, {'grip': 0.05}), 0.5)
     world.step(60)
-    move_robot(world, robot, state_of(robot, {'grip': 0.047}, {'grip': -0.1}, approach=0.02), 0.5)
+    move(world, robot, state_of(robot, {'grip': 0.047}, {'grip': -0.1}, approach=0.02), 0.5)
     world.step(2)
     saved = world.snapshot()
     ends = []

@@ -13,6 +13,8 @@ the origins of the links: with J for the frame of a joint, in its parent P,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from softbody_ros.core.compiled import helper, kernel
@@ -57,9 +59,7 @@ MOTION = np.dtype(
 """A pose and its velocity."""
 
 
-def motions(
-    frames: np.ndarray, joints: np.ndarray, position: np.ndarray, rotation: np.ndarray
-) -> np.ndarray:
+def motions(frames: np.ndarray, joints: np.ndarray, root: np.ndarray) -> np.ndarray:
     """
     Return the motions (k,) MOTION of frames, of which each comes after its parent.
 
@@ -68,14 +68,25 @@ def motions(
     frames : (k,) FRAME
     joints : (k, 2) float
         position, rad or m, and velocity of the joint of each
-    position, rotation : (3,) float, (3, 3) float
-        of the root, which stands still, in the world
+    root : (1,) MOTION
+        of the root in the world
 
     """
     result = np.zeros(len(frames), MOTION)
-    root = np.zeros(1, MOTION)
-    root['position'], root['rotation'] = position, rotation
     _put_motions(frames, np.ascontiguousarray(joints, dtype=np.float64), root, result)
+    return result
+
+
+def motion_of(
+    position: Sequence[float],
+    rotation: np.ndarray,
+    linear: Sequence[float] = (0.0, 0.0, 0.0),
+    angular: Sequence[float] = (0.0, 0.0, 0.0),
+) -> np.ndarray:
+    """Return a motion (1,) MOTION."""
+    result = np.zeros(1, MOTION)
+    result['position'], result['rotation'] = position, rotation
+    result['linear'], result['angular'] = linear, angular
     return result
 
 

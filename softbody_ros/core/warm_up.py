@@ -26,7 +26,7 @@ from softbody_ros.core.config import OBSTACLE_TYPES, BodyConfig, ObstacleConfig,
 from softbody_ros.core.contact.members import MEMBER
 from softbody_ros.core.external_inputs import ROBOT, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import Surface
-from softbody_ros.core.kinematic_tree import FRAME, TURNS, motions
+from softbody_ros.core.kinematic_tree import FRAME, TURNS, motion_of, motions
 from softbody_ros.core.links import LinkShape, placements
 from softbody_ros.core.world import World
 
@@ -232,7 +232,8 @@ def _move_a_link(world: World) -> None:
     frames['rotation'] = np.eye(3)
     shapes = [LinkShape((f'{ROBOT}link', 0), 'link', config, make_shape(config), 0)]
     for angle in (0.0, 0.1):
-        moving = motions(frames, np.array([(angle, 1.0)]), np.array((9.0, 0.0, 0.0)), np.eye(3))
+        root = motion_of((9.0, 0.0, 0.0), np.eye(3))
+        moving = motions(frames, np.array([(angle, 1.0)]), root)
         present, h = world.external_inputs.dynamic_obstacles, world.config.time_step
         world.change_obstacles(placements(shapes, moving, present, world.tick, h, h, 1.0))
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
 import numpy as np
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState, PointCloud2, PointField
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -162,7 +163,10 @@ def _obstacle(
 
 # ---------------------------------------------------------------------------------------- points
 def point_obstacles(
-    message: PointCloud2, frame_id: str, radius: float
+    message: PointCloud2,
+    frame_id: str,
+    radius: float,
+    pose: tuple[Sequence[float], Sequence[float]] | None = None,
 ) -> tuple[PointObstacles, int]:
     """
     Return the thinned points of a cloud, and the number of usable ones before thinning.
@@ -176,6 +180,8 @@ def point_obstacles(
         the frame in which points must be
     radius : float
         of the spheres about them, m
+    pose : ((3,) float, (4,) float), optional
+        of the frame of the message in that of the world, if that is another: m, and a quaternion
 
     Raises
     ------
@@ -183,10 +189,14 @@ def point_obstacles(
         if the cloud cannot be read.
 
     """
-    require_frame(message.header.frame_id, frame_id)
+    if pose is None:
+        require_frame(message.header.frame_id, frame_id)
     if not message.width * message.height:
         return NO_POINTS, 0
     points = _coordinates(message)
+    if pose is not None:
+        with np.errstate(invalid='ignore', over='ignore'):
+            points = points @ Rotation.from_quat(pose[1]).as_matrix().T + pose[0]
     points = points[(np.abs(points) <= LARGEST).all(axis=1)]
     if not len(points):
         return NO_POINTS, 0

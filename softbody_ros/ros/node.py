@@ -40,6 +40,7 @@ from softbody_ros.core.shape_matching.gains import damping_ratio, natural_freque
 from softbody_ros.core.warm_up import compile_ahead
 from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
 from softbody_ros.ros.contact_topics import ContactTopics
+from softbody_ros.ros.frames import Frames, tf_lookup
 from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
 from softbody_ros.ros.robot import DESCRIPTION, JOINT_STATES, RobotLinks
 from softbody_ros.ros.simulation_interfaces import Simulation
@@ -85,10 +86,15 @@ class SimNode(Node):
         self._declare_parameters()
         self._create_publishers()
         self._create_services()
-        self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node)
+        self._frames = Frames(self._frame_id, lambda: tf_lookup(self, self._frame_id))
+        self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node, self._frames)
         self._gravity_source = self._inputs.gravity_source
         self._robot = RobotLinks(
-            self._stepper, lambda: self._scene.node, self._inputs.warn, self._use_links
+            self._stepper,
+            lambda: self._scene.node,
+            self._inputs.warn,
+            self._use_links,
+            self._frames.lookup,
         )
         self._hears_robot = False
         self._configure_robot()

@@ -9,18 +9,28 @@ States are only noted when they come, and used once in each cycle of the node: o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 import time
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from softbody_ros.core.external_inputs import Twist
 from softbody_ros.ros import message_parsing
+from softbody_ros.ros.frames import Lookup, Pose
 from softbody_ros.scene.parameters import NodeConfig
-from softbody_ros.scene.robot import Robot, RobotError, RobotState, move_robot, read_robot
+from softbody_ros.scene.robot import (
+    STILL,
+    Robot,
+    RobotError,
+    RobotState,
+    move_robot,
+    read_robot,
+)
 from softbody_ros.timeline.stepper import Stepper
 
 DESCRIPTION, JOINT_STATES = '/robot_description', '/joint_states'
@@ -46,6 +56,8 @@ class RobotLinks:
         says a sentence about a topic
     changed : callable
         is told another robot, or None, when its links are others
+    lookup : callable
+        returns where a frame is, or None; see `frames`
 
     """
 
@@ -55,6 +67,7 @@ class RobotLinks:
         settings: Callable[[], NodeConfig],
         warn: Callable[[str, str], None],
         changed: Callable[[Robot | None], None],
+        lookup: Lookup,
     ) -> None:
         self._stepper, self._settings = stepper, settings
         self._warn, self._changed = warn, changed
@@ -67,7 +80,10 @@ class RobotLinks:
         self._on_since = time.monotonic()
         self._said: set[str] = set()
         self._due = False
-        self._last: tuple[Robot | None, RobotState, tuple, int] | None = None
+        self._lookup = lookup
+        self._last: _Used | None = None
+        self._last_roots: dict[str, Pose] | None = None
+        self._twists: dict[str, Twist] = {}
         self._last_stamp = 0
         self._messages = 0
 
@@ -128,6 +144,7 @@ class RobotLinks:
         if robot is None and self._robot is None:
             return
         self._robot, self._due, self._heard_since = robot, True, None
+        self._last_roots = None
         if robot is not None:
             self._note_whether_heard(robot)
         self._changed(robot)
@@ -144,33 +161,52 @@ class RobotLinks:
 
     # --------------------------------------------------------------------------------- a cycle
     def update(self) -> None:
-        """Move the links as the joint states say that have come since the last call."""
-        robot = self._robot
-        if not self._due and (robot is None or self._is_there(robot)):
+        """Move the links as what has come since the last call says."""
+        robot, stepper = self._robot, self._stepper
+        if stepper.replaying or (robot is None and not self._due):
             return
-        if self._stepper.replaying:
-            return
-        if robot is not None and not self._has_joints(robot):
-            return
-        self._due = False
-        settings = self._settings()
-        state, seconds = self._state(robot, settings), settings.input_timeout
-        world = self._stepper.world
-        last = self._last
-        self._last = robot, state, settings.robot_pose, world.time_jumps
-        if robot is not None and last is not None and self._is_there(robot):
-            still = not (state.velocities.any() or last[1].velocities.any())
-            same = last[0] is robot and last[2:] == self._last[2:]
-            if same and still and np.array_equal(state.positions, last[1].positions):
+        settings, states = self._settings(), {}
+        if robot is not None:
+            roots = self._roots(robot, settings)
+            if roots is None:
+                return  # where it is is not known yet
+            if roots == self._last_roots and not self._due and self._is_there(robot):
                 return
-        self._stepper.act(
-            partial(move_robot, robot=robot, state=state, seconds=seconds), state.nbytes
+            states = self._states(robot, roots, settings)
+            self._last_roots = roots
+        self._due = False
+        last, now = self._last, (robot, states, stepper.world.time_jumps)
+        self._last = now
+        if robot is not None and self._is_there(robot) and _is_same(last, now):
+            return
+        seconds = settings.input_timeout
+        stepper.act(
+            partial(move_robot, robot=robot, states=states, seconds=seconds),
+            sum(state.nbytes for state in states.values()),
         )
 
     def _is_there(self, robot: Robot) -> bool:
         """Whether the world has the links: not if its clock went back to before they came."""
         present = self._stepper.world.external_inputs.dynamic_obstacles
         return all(shape.key in present for shape in robot.shapes)
+
+    def _roots(self, robot: Robot, settings: NodeConfig) -> dict[str, Pose] | None:
+        """Return where its root is, or each of its links if nobody sends joints; None: unknown."""
+        is_default = settings.robot_pose == NodeConfig().robot_pose
+        if self._has_joints(robot):
+            pose = self._lookup(robot.root, 0) if is_default else None
+            if pose is None:
+                pose = Pose(settings.robot_pose[:3], settings.robot_pose[3:], 0)
+            return {robot.root: pose}
+        if not is_default or self._heard_since is not None:
+            return None
+        result = {}
+        for link in robot.names:
+            pose = self._lookup(link, 0)
+            if pose is None:
+                return None
+            result[link] = pose
+        return result
 
     def _has_joints(self, robot: Robot) -> bool:
         """Whether all joints are known, or have been waited for long enough."""
@@ -186,14 +222,15 @@ class RobotLinks:
         )
         return True
 
-    def _state(self, robot: Robot | None, settings: NodeConfig) -> RobotState:
-        """Return the state of the joints at the present tick."""
+    def _states(
+        self, robot: Robot, roots: Mapping[str, Pose], settings: NodeConfig
+    ) -> dict[str, RobotState]:
+        """Return the state of the robot, or of each of its links, at the present tick."""
         stepper = self._stepper
-        names = robot.joints if robot is not None else ()
-        pace = stepper.time_scale
+        pace, gap = stepper.time_scale, settings.input_timeout
         runs = not stepper.paused and pace > 0.0
         now, newest = stepper.time_of(stepper.world.tick), 0
-        gap = settings.input_timeout
+        names = robot.joints if robot.root in roots else ()
         positions, velocities = np.zeros(len(names)), np.zeros(len(names))
         for row, name in enumerate(names):
             joint = self._joints.get(name)
@@ -205,13 +242,25 @@ class RobotLinks:
             positions[row] = joint.position + velocity * bridged
             velocities[row] = velocity / pace if pace > 0.0 else 0.0
             newest = max(newest, joint.stamp)
+        newest = max([newest, *(pose.stamp for pose in roots.values())])
         since_last, self._last_stamp = 1e-9 * (newest - self._last_stamp), newest
         approach = pace * since_last if runs and newest and 0.0 < since_last <= gap else 0.0
-        pose = settings.robot_pose
-        same_root = self._last is not None and self._last[2] == pose
-        return RobotState(
-            positions, velocities, pose[:3], pose[3:], approach if same_root else 0.0
-        )
+        states = {}
+        for name, pose in roots.items():
+            before = self._last_roots.get(name) if self._last_roots else None
+            still = before is None or pose.stamp == 0 or pose.stamp == before.stamp
+            twist = self._twists.get(name, STILL) if before is not None else STILL
+            if before is not None and not still:
+                twist = _twist_between(before, pose, gap, pace)
+            if pose.stamp == 0:
+                twist = STILL
+                if before is not None and before[:2] != pose[:2]:
+                    approach = 0.0  # somebody has set the parameter
+            self._twists[name] = twist
+            states[name] = RobotState(
+                positions, velocities, pose.position, pose.orientation, twist, approach
+            )
+        return states
 
     # ------------------------------------------------------------------------------ diagnostics
     def report(self) -> dict[str, str]:
@@ -236,6 +285,41 @@ class RobotLinks:
             'links of the robot': str(len(robot.names) if robot is not None else 0),
             'joint states (1/s)': str(messages),
         }
+
+
+_Used = tuple[Robot | None, dict[str, RobotState], int]
+"""A robot and its states, and how often time had jumped then."""
+
+
+def _is_same(last: _Used | None, now: _Used) -> bool:
+    """Whether a robot stands still where it stood still."""
+    if (
+        last is None
+        or last[0] is not now[0]
+        or last[2] != now[2]
+        or last[1].keys() != now[1].keys()
+    ):
+        return False
+    return all(_stand_still_at_one_place(last[1][name], now[1][name]) for name in now[1])
+
+
+def _stand_still_at_one_place(one: RobotState, other: RobotState) -> bool:
+    moves = any(state.velocities.any() or state.root_twist != STILL for state in (one, other))
+    same_root = (one.root_position, one.root_orientation) == (
+        other.root_position,
+        other.root_orientation,
+    )
+    return not moves and same_root and np.array_equal(one.positions, other.positions)
+
+
+def _twist_between(before: Pose, after: Pose, longest_gap: float, pace: float) -> Twist:
+    """Return the velocity, by simulated time, with which a frame came from a pose to another."""
+    seconds = 1e-9 * (after.stamp - before.stamp) * pace
+    if not (before.stamp and 0.0 < seconds <= longest_gap * pace):
+        return STILL
+    linear = (np.array(after.position) - before.position) / seconds
+    turn = Rotation.from_quat(after.orientation) * Rotation.from_quat(before.orientation).inv()
+    return tuple(linear.tolist()), tuple((turn.as_rotvec() / seconds).tolist())
 
 
 @dataclass

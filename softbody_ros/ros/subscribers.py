@@ -31,6 +31,7 @@ from softbody_ros.core.external_inputs import (
     is_link,
 )
 from softbody_ros.ros import message_parsing
+from softbody_ros.ros.frames import Frames
 from softbody_ros.ros.message_parsing import InputError
 from softbody_ros.scene.parameters import NodeConfig
 from softbody_ros.timeline.stepper import Stepper
@@ -63,10 +64,19 @@ class InputTopics:
     stepper : Stepper
     settings : callable
         returns the present NodeConfig
+    frames : Frames
+        where other frames are
 
     """
 
-    def __init__(self, node: Node, stepper: Stepper, settings: Callable[[], NodeConfig]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        stepper: Stepper,
+        settings: Callable[[], NodeConfig],
+        frames: Frames,
+    ) -> None:
+        self._frames = frames
         self._node = node
         self._stepper = stepper
         self._settings = settings
@@ -142,6 +152,7 @@ class InputTopics:
         if topic.is_known(info):
             return
         try:
+            self._frames.transform(message, self._world.names)
             problem = topic.use(message, self._settings())
         except InputError as error:
             problem = f'it is ignored: {error}'
@@ -191,7 +202,10 @@ class InputTopics:
 
     def _points(self, message: PointCloud2, settings: NodeConfig) -> str:
         radius = settings.obstacle_points_radius
-        points, seen = message_parsing.point_obstacles(message, settings.frame_id, radius)
+        pose = self._frames.pose_of(message.header)
+        points, seen = message_parsing.point_obstacles(
+            message, settings.frame_id, radius, pose and pose[:2]
+        )
         self._act(
             World.set_points,
             BYTES_PER_ACTION + points.points.nbytes,

@@ -35,17 +35,19 @@ from softbody_ros.core.external_inputs import (
     Key,
     ObstacleChange,
     ObstacleRemoval,
+    Twist,
     is_link,
 )
 from softbody_ros.core.geometry.bvh import closed_tree
 from softbody_ros.core.geometry.mesh import read_surface
-from softbody_ros.core.kinematic_tree import FIXED, FRAME, SLIDES, TURNS, motions
+from softbody_ros.core.kinematic_tree import FIXED, FRAME, SLIDES, TURNS, motion_of, motions
 from softbody_ros.core.links import LinkShape, placements
 from softbody_ros.core.world import World
 from softbody_ros.scene.parameters import mesh_path
 
 KINDS = {'fixed': FIXED, 'revolute': TURNS, 'continuous': TURNS, 'prismatic': SLIDES}
 """Types of joints that can be followed."""
+STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 BYTES_PER_STATE, BYTES_PER_JOINT = 1000, 16
 """Approximate memory of a state in the history."""
 
@@ -65,6 +67,8 @@ class RobotState:
         of `Robot.joints`, rad or m, per simulated second
     root_position, root_orientation : (3,) float, (4,) float
         of its root in the world, m, and a quaternion x y z w
+    root_twist : ((3,) float, (3,) float)
+        its velocity, m/s, and angular velocity, rad/s, world axes, by simulated time
     approach : float
         see `links.placements`
 
@@ -74,6 +78,7 @@ class RobotState:
     velocities: np.ndarray
     root_position: tuple[float, ...] = (0.0, 0.0, 0.0)
     root_orientation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
+    root_twist: Twist = STILL
     approach: float = 0.0
 
     @property
@@ -178,7 +183,25 @@ class Robot:
         turns = self.frames['kind'] == TURNS
         joints[turns, 0] = np.fmod(joints[turns, 0], math.tau)
         rotation = Rotation.from_quat(state.root_orientation).as_matrix()
-        return motions(self.frames, joints, np.array(state.root_position), rotation)
+        root = motion_of(state.root_position, rotation, *state.root_twist)
+        return motions(self.frames, joints, root)
+
+    def part(self, link: str) -> Robot:
+        """Return one link with its shapes, which is its own root."""
+        shapes = [shape for shape in self.shapes if shape.link == link]
+        frames = self.frames[[shape.row for shape in shapes]]
+        frames['parent'] = -1
+        return Robot(
+            link,
+            (),
+            {link: self.names[link]},
+            tuple(dataclasses.replace(shape, row=row) for row, shape in enumerate(shapes)),
+            {},
+            frames,
+            np.full(len(shapes), -1),
+            np.zeros(len(shapes)),
+            np.zeros(len(shapes)),
+        )
 
     def with_friction(self, friction: float) -> Robot:
         """Return the robot with links of another friction."""
@@ -205,7 +228,12 @@ class Robot:
         return frozenset(shape.key for shape in self.shapes)
 
 
-def move_robot(world: World, robot: Robot | None, state: RobotState, seconds: float) -> None:
+def move_robot(
+    world: World,
+    robot: Robot | None,
+    states: Mapping[str, RobotState],
+    seconds: float,
+) -> None:
     """
     Move the links of a robot in a world, instead of those of another robot or no robot.
 
@@ -213,24 +241,23 @@ def move_robot(world: World, robot: Robot | None, state: RobotState, seconds: fl
     ----------
     world : World
     robot : Robot or None
-    state : RobotState
+    states : mapping of str to RobotState
+        that of the robot by the name of its root; or of each of its links, see `Robot.part`
     seconds : float
         for which it moves on at these velocities without another state
 
     """
     keys = robot.keys if robot is not None else frozenset()
-    present = [key for key in world.external_inputs.dynamic_obstacles if is_link(key)]
-    changes: list[ObstacleChange] = [ObstacleRemoval(*key) for key in present if key not in keys]
-    if robot is not None and robot.shapes:
-        changes += placements(
-            robot.shapes,
-            robot.motions(state)[len(robot.frames) - len(robot.shapes) :],
-            world.external_inputs.dynamic_obstacles,
-            world.tick,
-            world.config.time_step,
-            state.approach,
-            seconds,
-        )
+    present = world.external_inputs.dynamic_obstacles
+    changes: list[ObstacleChange] = [
+        ObstacleRemoval(*key) for key in present if is_link(key) and key not in keys
+    ]
+    for name, state in states.items():
+        part = robot if robot is None or name == robot.root else robot.part(name)
+        if part is not None and part.shapes:
+            moving = part.motions(state)[len(part.frames) - len(part.shapes) :]
+            time = world.tick, world.config.time_step
+            changes += placements(part.shapes, moving, present, *time, state.approach, seconds)
     if changes:
         world.change_obstacles(changes)
 
