@@ -165,7 +165,7 @@ class SimNode(Node):
         if self._scene.node.robot_links and not self._hears_robot:
             self._hears_robot = True
             self._inputs.listen(DESCRIPTION, String, self._robot.describe, latched=True)
-            self._inputs.listen(JOINT_STATES, JointState, self._robot.note_joints)
+            self._inputs.listen(JOINT_STATES, JointState, self._robot.note_joints, polled=True)
         self._robot.configure()
 
     def _use_links(self, robot: Robot | None) -> None:
@@ -298,6 +298,7 @@ class SimNode(Node):
         return self._follows_clock() and self._now() == 0
 
     def _drive(self) -> None:
+        self._inputs.poll()
         self._robot.update()
         self._advance()
         self._obstacle_markers.update(due=False)

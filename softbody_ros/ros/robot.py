@@ -34,6 +34,8 @@ from softbody_ros.scene.robot import (
 from softbody_ros.timeline.stepper import Stepper
 
 DESCRIPTION, JOINT_STATES = '/robot_description', '/joint_states'
+AT_ORIGIN = NodeConfig().robot_pose
+"""The pose that stands for that of TF, if there is one."""
 PATIENCE = 1.0
 """Seconds for which joints are waited for, after the first state of one of them."""
 UNHEARD = 5.0
@@ -192,7 +194,7 @@ class RobotLinks:
 
     def _roots(self, robot: Robot, settings: NodeConfig) -> dict[str, Pose] | None:
         """Return where its root is, or each of its links if nobody sends joints; None: unknown."""
-        is_default = settings.robot_pose == NodeConfig().robot_pose
+        is_default = settings.robot_pose == AT_ORIGIN
         if self._has_joints(robot):
             pose = self._lookup(robot.root, 0) if is_default else None
             if pose is None:

@@ -16,8 +16,10 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -46,8 +48,23 @@ RELIABLE = QoSProfile(depth=10)
 NEWEST_CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MOST_POLLED = 100
+"""Messages that are taken at a time from a topic that is polled."""
 REMEMBERED = 100
 """Messages of a topic that are recognised when another subscription receives them, too."""
+
+
+class _NeverReady(CallbackGroup):
+    """Keeps what it contains out of the executor."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
 
 
 class InputTopics:
@@ -81,6 +98,7 @@ class InputTopics:
         self._stepper = stepper
         self._settings = settings
         self._warned: dict[str, float] = {}
+        self._polled: list[tuple[_Topic, Subscription]] = []
         self._topics = [
             _Topic('~/obstacles', MarkerArray, self._obstacles),
             _Topic('~/obstacle_points', PointCloud2, self._points),
@@ -97,6 +115,7 @@ class InputTopics:
         kind: type,
         use: Callable[[Any, NodeConfig], str],
         latched: bool = False,
+        polled: bool = False,
     ) -> None:
         """
         Listen to another topic.
@@ -110,9 +129,12 @@ class InputTopics:
             uses a message, with the present NodeConfig, and returns a warning or ''
         latched : bool
             whether messages are usually kept there for later subscribers
+        polled : bool
+            whether they are taken by `poll` only, and wake nobody: rclpy's executor takes half a
+            millisecond for each message that it wakes for, so 1 kHz would cost half a core
 
         """
-        topic = _Topic(name, kind, use)
+        topic = _Topic(name, kind, use, group=_NeverReady() if polled else None)
         self._topics.append(topic)
         self._subscribe(topic, RELIABLE)
         if latched:
@@ -120,9 +142,24 @@ class InputTopics:
 
     def _subscribe(self, topic: _Topic, qos: QoSProfile) -> None:
         received = partial(self._received, topic)
-        subscription = self._node.create_subscription(topic.kind, topic.name, received, qos)
+        subscription = self._node.create_subscription(
+            topic.kind, topic.name, received, qos, callback_group=topic.group
+        )
+        if topic.group is not None:
+            self._polled.append((topic, subscription))
         topic.full_name = subscription.topic_name
         topic.heard.append(qos)
+
+    def poll(self) -> None:
+        """Use what has come to the topics that wake nobody."""
+        for topic, subscription in self._polled:
+            with subscription.handle:
+                for _ in range(MOST_POLLED):
+                    # as rclpy's executors take it
+                    taken = subscription.handle.take_message(topic.kind, False)
+                    if taken is None:
+                        break
+                    self._received(topic, *taken)
 
     def hear_everyone(self) -> None:
         """Subscribe as the publishers that are there now need it, and say what cannot be heard."""
@@ -292,6 +329,7 @@ class _Topic:
     use: Callable[[Any, NodeConfig], str]
     full_name: str = ''
     heard: list[QoSProfile] = field(default_factory=list)
+    group: CallbackGroup | None = None
     known: deque[tuple[int, int]] = field(default_factory=partial(deque, maxlen=REMEMBERED))
 
     def is_known(self, info: Mapping[str, int]) -> bool:

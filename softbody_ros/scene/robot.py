@@ -48,6 +48,8 @@ from softbody_ros.scene.parameters import mesh_path
 KINDS = {'fixed': FIXED, 'revolute': TURNS, 'continuous': TURNS, 'prismatic': SLIDES}
 """Types of joints that can be followed."""
 STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+HULL_DIGITS = (12, 5, 4, 3)
+"""Digits of vertices, by the size of a mesh: hulls of nearly flat faces may have slits."""
 BYTES_PER_STATE, BYTES_PER_JOINT = 1000, 16
 """Approximate memory of a state in the history."""
 
@@ -463,9 +465,13 @@ def _driven(
         while every[name].mimic is not None:
             mimic = every[name].mimic
             factor, shift = float(mimic.multiplier), float(mimic.offset)
-            if mimic.joint not in every or mimic.joint in seen:
-                why = 'mimics itself' if mimic.joint in seen else f'mimics no joint: {mimic.joint}'
-                raise RobotError(f'joint {name} {why}')
+            if mimic.joint in seen:
+                raise RobotError(f'joint {name} mimics itself')
+            if mimic.joint not in every:
+                problems.append(
+                    f'joint {name} mimics {mimic.joint}, not there: it has its own state'
+                )
+                break
             if not max(abs(factor), abs(shift)) <= LARGEST:
                 raise RobotError(
                     f'joint {name} mimics {mimic.joint} by a number beyond {LARGEST:g}'
@@ -532,12 +538,26 @@ def _surface_of(mesh: Any, what: str, problems: list[str]) -> tuple[Surface, np.
     path = mesh_path(mesh.filename)
     surface = read_surface(path, scale.tolist())
     if not surface.closed:
-        try:
-            hull = trimesh.Trimesh(surface.vertices, surface.faces, process=False).convex_hull
-            surface = Surface(hull.vertices, hull.faces)
-        except Exception:  # of Qhull: it is flat
-            raise RobotError(f'mesh {path} is neither closed nor has a convex hull') from None
+        hull = _convex_hull(surface)
+        if hull is None:
+            raise RobotError(f'mesh {path} is neither closed nor has a convex hull')
+        surface = hull
         problems.append(f'{what}: mesh {path} is not closed, so its convex hull is used')
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     middle = (low + high) / 2
     return Surface(surface.vertices - middle, surface.faces), middle
+
+
+def _convex_hull(surface: Surface) -> Surface | None:
+    """Return the convex hull, None of what is flat; of vertices rounded until it is closed."""
+    size = float(np.ptp(surface.vertices, axis=0).max())
+    for digits in HULL_DIGITS:
+        vertices = size * np.round(surface.vertices / size, digits)
+        try:
+            found = trimesh.convex.convex_hull(np.unique(vertices, axis=0))
+        except Exception:  # Qhull has all kinds of reasons
+            continue
+        hull = Surface(found.vertices, found.faces)
+        if hull.closed:
+            return hull
+    return None
