@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 package_name = 'softbody_ros'
 BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
+ROBOT = ['yourdfpy>=0.0.56']
 VIEWER = ['viser>=1.1,<1.2']
 
 setup(
@@ -46,6 +47,8 @@ setup(
             'ros-jazzy-common-interfaces',
             'ros-jazzy-rmw-fastrtps-cpp',
         ],
+        # links of a robot as obstacles: reads URDF, and COLLADA meshes
+        'robot': ROBOT,
         'test': [
             'pytest>=7.4',
             'hypothesis',
@@ -55,6 +58,7 @@ setup(
             # real CAD meshes to load: watertight and not, 5 000 to 70 000 triangles
             'cookie-description==1.2.1',
             *BAKE,
+            *ROBOT,
             *VIEWER,
             # drives Chromium, which is not a Python package: apt-get install chromium
             'playwright',

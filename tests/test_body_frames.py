@@ -9,6 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from std_srvs.srv import SetBool
 
+from softbody_ros.ros import messages
+
 SIM = '/softbody_sim'
 
 
@@ -40,8 +42,8 @@ def test_each_body_is_a_frame_of_its_name(graph, sent):
     assert {tuple(item.child_frame_id for item in frames) for frames in sent} == {('one', 'two')}
     assert {item.header.frame_id for frames in sent for item in frames} == {'map'}
     assert graph.call(SetBool, f'{SIM}/pause', data=True).success
-    count = len(sent)
-    graph.spin_until(lambda: len(sent) > count)
+    stamp = messages.time_message(sim._stepper.time_of(sim._world.tick))
+    graph.spin_until(lambda: sent[-1][1].header.stamp == stamp)
     frame, fit = sent[-1][1].transform, sim._world.rigid_fit('two')
     shift = [getattr(frame.translation, axis) for axis in 'xyz']
     turn = Rotation.from_quat([getattr(frame.rotation, axis) for axis in 'xyzw'])

@@ -31,7 +31,7 @@ def test_every_parameter_has_a_description_and_bounds_where_it_is_a_number():
 def test_table_has_what_the_design_lists():
     scene = 'frame_id time_step reference_step points_rate mesh_rate time_scale step_count '
     scene += 'input_timeout obstacle_points.radius obstacle_points.self_filter '
-    scene += 'obstacle_points.noise poke.radius '
+    scene += 'obstacle_points.noise poke.radius robot.links robot.pose robot.friction '
     scene += 'poke.impulse history.memory publish_tf gravity.magnitude gravity.direction '
     scene += 'bodies obstacles'
     body = 'mesh size subdivisions position orientation initial_velocity.linear '

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
 from scene_files import scene_values
@@ -23,7 +24,8 @@ from softbody_ros.core.shape_matching.polar_decomposition import rotation
 from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.scene import parameters
 
-README = (pathlib.Path(__file__).parent.parent / 'README.md').read_text()
+ROOT = pathlib.Path(__file__).parent.parent
+README = (ROOT / 'README.md').read_text()
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 
@@ -96,6 +98,24 @@ def test_it_rains_cubes(graph, program):
 
     graph.spin_until(lambda: numbers() == [0, 3, 4, 5, 6, 7])
     assert not printed.read_text()
+
+
+def test_the_gripper_of_a_urdf_closes_lifts_and_holds(graph, program, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    values = {name.replace('.', '__'): value for name, value in scene_values('robot').items()}
+    sim = graph.sim_node(**values)
+    felt = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts/left_finger', 1000)
+    program('robot')
+    world = sim._world
+    graph.spin_until(lambda: world.rigid_fit('ball').position[2] > 0.245, 'the ball is lifted')
+    begin = world.tick
+    graph.spin_until(lambda: world.tick > begin + 480, 'two seconds')
+    assert world.rigid_fit('ball').position[2] == pytest.approx(0.249, abs=2e-3)
+    assert not world.obstacle_wrench('ground')[0].any()
+    weight = 0.2 * world.config.gravity_magnitude
+    force = felt[-1].wrench.force
+    assert 5.0 < -force.x < 30.0
+    assert force.z == pytest.approx(-weight / 2, rel=0.02)
 
 
 def test_the_clock_drives_the_node(graph, program):

@@ -450,10 +450,15 @@ class ObstacleConfig(Checked):
 
         That is for obstacles that are moved at each tick.
         """
-        result = copy(self)
-        for field, value in motion.items():
-            object.__setattr__(result, field, value)
+        result = self.with_values(**motion)
         result._check([each for each in settings(self) if each[0] in motion])
+        return result
+
+    def with_values(self, **values: Any) -> ObstacleConfig:
+        """Return a config with other values, of the right types and in range: unchecked."""
+        result = object.__new__(ObstacleConfig)
+        result.__dict__.update(self.__dict__)
+        result.__dict__.update(values)
         return result
 
 

@@ -14,6 +14,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from functools import cached_property
 import math
+from typing import TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,9 +28,12 @@ MOST_DYNAMIC_OBSTACLES = 1000
 """Largest number of obstacles added at run time."""
 EVERY_BODY = ''
 """Key of wrenches on all bodies, in place of a name."""
+ROBOT = 'robot:'
+"""What namespaces of links of a robot begin with: only removed by name."""
 NEVER = 2**62
 
 Key = tuple[str, int]
+Twist = tuple[tuple[float, ...], tuple[float, ...]]
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 _FACTS = {name: facts for name, _, facts in settings(ObstacleConfig)}
 
@@ -44,13 +48,16 @@ class ObstacleUpdate:
     key : (str, int)
         identifies it from one update to the next
     config : ObstacleConfig
-        without velocity, which is computed from the previous update
+        its own velocity is not used
     stamp : int
         time of the pose, ns of the sender's clock; 0 is unknown
     pace : float
         simulated seconds per second of that clock
     lifetime : int
         ticks after which it is removed; 0 is never
+    twist : ((3,) float, (3,) float) or None
+        velocity of its origin, m/s, and angular velocity, rad/s, world axes, in simulated time;
+        None: computed from the previous update
 
     """
 
@@ -59,11 +66,16 @@ class ObstacleUpdate:
     stamp: int = 0
     pace: float = 1.0
     lifetime: int = 0
+    twist: Twist | None = None
 
 
 @dataclass(frozen=True)
 class ObstacleRemoval:
-    """Removes one obstacle; with id None those of a namespace, or all if that is empty."""
+    """
+    Removes one obstacle; with id None those of a namespace, or all if that is empty.
+
+    Not the links of a robot, which are no markers: of those a namespace must be named.
+    """
 
     namespace: str = ''
     id: int | None = None
@@ -71,8 +83,13 @@ class ObstacleRemoval:
     def removes(self, key: Key) -> bool:
         """Whether it removes the obstacle of a key."""
         if self.id is None:
-            return self.namespace in ('', key[0])
+            return self.namespace == key[0] or not (self.namespace or is_link(key))
         return key == (self.namespace, self.id)
+
+
+def is_link(key: object) -> bool:
+    """Return whether a key is that of a shape of a link of a robot."""
+    return isinstance(key, tuple) and key[0].startswith(ROBOT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +105,10 @@ class DynamicObstacle:
         of that pose, ns
     stops_at, expires_at : int
         ticks at which it stops moving, and at which it is removed
+    arrives_at : int
+        tick from which on it moves with `twist`
+    twist : ((3,) float, (3,) float)
+        m/s, rad/s
 
     """
 
@@ -95,14 +116,19 @@ class DynamicObstacle:
     stamp: int
     stops_at: int = NEVER
     expires_at: int = NEVER
+    arrives_at: int = NEVER
+    twist: Twist = _STILL
 
     def at(self, tick: int) -> DynamicObstacle:
-        """Return it at the beginning of a tick, without velocity after `stops_at`."""
-        if tick < self.stops_at:
+        """Return it at the beginning of a tick: arrived, or without velocity after `stops_at`."""
+        if tick < min(self.arrives_at, self.stops_at):
             return self
+        if tick < self.stops_at:
+            arrived = obstacles.with_twist(self.obstacle, *self.twist)
+            return dataclasses.replace(self, obstacle=arrived, arrives_at=NEVER)
         config = _moving(self.obstacle.config, *_STILL)
         still = dataclasses.replace(self.obstacle, config=config, before=None)
-        return dataclasses.replace(self, obstacle=still, stops_at=NEVER)
+        return dataclasses.replace(self, obstacle=still, stops_at=NEVER, arrives_at=NEVER)
 
     def moved(self, h: float) -> DynamicObstacle:
         """Return it after h seconds."""
@@ -110,9 +136,33 @@ class DynamicObstacle:
             return self
         return dataclasses.replace(self, obstacle=obstacles.moved(self.obstacle, h))
 
+    def with_obstacle(self, obstacle: Obstacle) -> DynamicObstacle:
+        """Return it with its obstacle elsewhere."""
+        return DynamicObstacle(
+            obstacle, self.stamp, self.stops_at, self.expires_at, self.arrives_at, self.twist
+        )
+
     def equals(self, other: DynamicObstacle) -> bool:
         """Whether shape, pose and velocity are equal."""
         return obstacles.is_same(self.obstacle, other.obstacle)
+
+    def continues(self, other: DynamicObstacle) -> bool:
+        """Whether it differs from another one at most by its velocity: as far as is seen fast."""
+        mine, others = self.obstacle, other.obstacle
+        return (
+            mine.position is others.position
+            and mine.rotation is others.rotation
+            and mine.shape is others.shape
+            and mine.config.friction == others.config.friction
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ObstaclePlacement:
+    """An obstacle with its motion, made by who adds or moves it, and its key; see `links`."""
+
+    key: Key
+    item: DynamicObstacle
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +220,7 @@ class ExternalInputs:
     def _next_change(self) -> int:
         ends = [wrench.ends_at for wrench in self.wrenches.values()]
         for item in self.dynamic_obstacles.values():
-            ends += [item.stops_at, item.expires_at]
+            ends += [item.stops_at, item.expires_at, item.arrives_at]
         return min([*ends, self.gravity_ends_at])
 
     @cached_property
@@ -190,7 +240,18 @@ class ExternalInputs:
         """Return the inputs after h seconds: obstacles move with their velocities."""
         if not self._moves:
             return self
-        dynamic_obstacles = {key: item.moved(h) for key, item in self.dynamic_obstacles.items()}
+        dynamic_obstacles = dict(self.dynamic_obstacles)
+        links = []
+        for key, item in self.dynamic_obstacles.items():
+            if is_link(key) and item.obstacle.moves:
+                links.append(key)
+            else:
+                dynamic_obstacles[key] = item.moved(h)
+        if not links:
+            return dataclasses.replace(self, dynamic_obstacles=dynamic_obstacles)
+        moving = [dynamic_obstacles[key].obstacle for key in links]
+        for key, obstacle in zip(links, obstacles.moved_together(moving, h), strict=True):
+            dynamic_obstacles[key] = dynamic_obstacles[key].with_obstacle(obstacle)
         return dataclasses.replace(self, dynamic_obstacles=dynamic_obstacles)
 
     def at(self, tick: int) -> ExternalInputs:
@@ -213,6 +274,7 @@ class ExternalInputs:
                 item,
                 stops_at=_earlier(item.stops_at, tick),
                 expires_at=_earlier(item.expires_at, tick),
+                arrives_at=_earlier(item.arrives_at, tick),
             )
             for key, item in self.dynamic_obstacles.items()
         }
@@ -220,7 +282,7 @@ class ExternalInputs:
 
     def changed(
         self,
-        changes: Iterable[ObstacleUpdate | ObstacleRemoval],
+        changes: Iterable[ObstacleChange],
         tick: int,
         longest_gap: float,
         h: float,
@@ -233,7 +295,7 @@ class ExternalInputs:
 
         Parameters
         ----------
-        changes : iterable of ObstacleUpdate and ObstacleRemoval
+        changes : iterable of ObstacleUpdate, ObstaclePlacement and ObstacleRemoval
             in order
         tick : int
             the present one
@@ -254,8 +316,10 @@ class ExternalInputs:
                 change.key in dynamic_obstacles or len(dynamic_obstacles) < MOST_DYNAMIC_OBSTACLES
             ):
                 before = dynamic_obstacles.get(change.key)
-                dynamic_obstacles[change.key] = _placed(
-                    change, before, tick, stops_at, longest_gap
+                dynamic_obstacles[change.key] = (
+                    change.item
+                    if isinstance(change, ObstaclePlacement)
+                    else _placed(change, before, tick, stops_at, longest_gap)
                 )
         return dataclasses.replace(self, dynamic_obstacles=dynamic_obstacles)
 
@@ -282,9 +346,14 @@ class ExternalInputs:
         changed = []
         for key in mine.keys() | others.keys():
             new, old = mine.get(key), others.get(key)
+            if is_link(key) and new is not None and old is not None and new.continues(old):
+                continue  # what it touches is awake as long as it moves
             if new is None or old is None or not new.equals(old):
                 changed += [item.obstacle for item in (new, old) if item is not None]
         return changed
+
+
+ObstacleChange: TypeAlias = ObstacleUpdate | ObstaclePlacement | ObstacleRemoval
 
 
 def ticks_of(seconds: float, h: float) -> int:
@@ -299,7 +368,9 @@ def _placed(
     stops_at: int,
     longest_gap: float,
 ) -> DynamicObstacle:
-    velocity = _STILL if before is None else _velocity(before, item, longest_gap)
+    velocity = item.twist or _STILL
+    if item.twist is None and before is not None:
+        velocity = _velocity(before, item, longest_gap)
     obstacle = obstacles.placed(_moving(item.config, *velocity))
     return DynamicObstacle(
         obstacle,
@@ -309,6 +380,10 @@ def _placed(
     )
 
 
+def _twist_of(config: ObstacleConfig) -> Twist:
+    return config.velocity_linear, config.velocity_angular
+
+
 def _earlier(end: int, tick: int) -> int:
     return end if end == NEVER else end - tick
 
@@ -316,7 +391,7 @@ def _earlier(end: int, tick: int) -> int:
 def _moving(
     config: ObstacleConfig, linear: tuple[float, ...], angular: tuple[float, ...]
 ) -> ObstacleConfig:
-    if (config.velocity_linear, config.velocity_angular) == (linear, angular):
+    if _twist_of(config) == (linear, angular):
         return config
     return dataclasses.replace(config, velocity_linear=linear, velocity_angular=angular)
 

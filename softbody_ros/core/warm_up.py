@@ -21,10 +21,13 @@ import numpy as np
 
 from softbody_ros.core import compiled
 from softbody_ros.core.collision.point_obstacles import PointObstacles
+from softbody_ros.core.collision.shapes import make_shape
 from softbody_ros.core.config import OBSTACLE_TYPES, BodyConfig, ObstacleConfig, WorldConfig
 from softbody_ros.core.contact.members import MEMBER
-from softbody_ros.core.external_inputs import ObstacleUpdate
+from softbody_ros.core.external_inputs import ROBOT, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import Surface
+from softbody_ros.core.kinematic_tree import FRAME, TURNS, motion_of, motions
+from softbody_ros.core.links import LinkShape, placements
 from softbody_ros.core.world import World
 
 SPACING = 3.0
@@ -190,6 +193,7 @@ def warm_up(before_contact: Callable[[], None] = lambda: None) -> None:
     world.set_points(PointObstacles(np.array([(0.0, 0.0, 0.45), (0.3, 0.0, 0.5)]), 0.05))
     guest = ObstacleConfig(name='guest', type='sphere', position=(0.0, 0.0, 0.2))
     world.change_obstacles([ObstacleUpdate(('guests', 1), guest)])
+    _move_a_link(world)
     world.apply_wrench(None, (0.0, 0.0, 1.0), (0.0, 0.1, 0.0), 1.0)
     world.apply_wrench(world.names[0], (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0, in_body_axes=True)
     world.override_gravity((0.0, 1.0, -9.0), 1.0)
@@ -219,6 +223,19 @@ def warm_up(before_contact: Callable[[], None] = lambda: None) -> None:
     resting.step(30)  # until they sleep
     resting.apply_wrench(resting.names[0], (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.1)
     resting.step()
+
+
+def _move_a_link(world: World) -> None:
+    """Let a link of a robot follow its joint."""
+    frames, config = np.zeros(1, FRAME), ObstacleConfig(name='link', type='sphere')
+    frames['parent'], frames['kind'], frames['axis'] = -1, TURNS, (0.0, 0.0, 1.0)
+    frames['rotation'] = np.eye(3)
+    shapes = [LinkShape((f'{ROBOT}link', 0), 'link', config, make_shape(config), 0)]
+    for angle in (0.0, 0.1):
+        root = motion_of((9.0, 0.0, 0.0), np.eye(3))
+        moving = motions(frames, np.array([(angle, 1.0)]), root)
+        present, h = world.external_inputs.dynamic_obstacles, world.config.time_step
+        world.change_obstacles(placements(shapes, moving, present, world.tick, h, h, 1.0))
 
 
 def everything(subdivisions: int = 1) -> World:

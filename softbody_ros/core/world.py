@@ -35,8 +35,7 @@ from softbody_ros.core.contact_forces import ContactImpulse, ObstacleKey
 from softbody_ros.core.external_inputs import (
     EVERY_BODY,
     ExternalInputs,
-    ObstacleRemoval,
-    ObstacleUpdate,
+    ObstacleChange,
     Wrench,
     ticks_of,
 )
@@ -929,7 +928,7 @@ class World:
 
     # -------------------------------------------------------------------------- external inputs
     def change_obstacles(
-        self, changes: Iterable[ObstacleUpdate | ObstacleRemoval], longest_gap: float = 0.5
+        self, changes: Iterable[ObstacleChange], longest_gap: float = 0.5
     ) -> None:
         """
         Add, move or remove obstacles at run time, in addition to those of the config.
@@ -939,7 +938,7 @@ class World:
 
         Parameters
         ----------
-        changes : iterable of ObstacleUpdate and ObstacleRemoval
+        changes : iterable of ObstacleUpdate, ObstaclePlacement and ObstacleRemoval
         longest_gap : float
             largest time between two poses for a velocity, and duration of that motion, s
 

@@ -42,7 +42,8 @@ topics that it publishes (~ is {node}):
   ~/pins              WrenchStamped    what pins carry; of one body: ~/pins/ball
   ~/obstacle_contacts WrenchStamped    what obstacles feel; of one: ~/obstacle_contacts/ground
   /diagnostics        DiagnosticArray  once a second: speed, frequencies, state
-topics that act on it: ~/obstacles, ~/obstacle_points, ~/wrench, ~/poke, ~/gravity
+topics that act on it: ~/obstacles, ~/obstacle_points, ~/wrench, ~/poke, ~/gravity;
+  with robot.links also /robot_description and /joint_states
 services: ~/reset, ~/apply_initial_velocity, ~/pause, ~/step
 
 parameters, most of which change while it runs ('ball' and 'ground' are names):
@@ -60,6 +61,7 @@ parameters, most of which change while it runs ('ball' and 'ground' are names):
   time_scale           slow motion; time_step, reference_step, step_count, history: time
   points_rate          and mesh_rate: how often it publishes; frame_id, publish_tf: frames
   input_timeout        and poke, obstacle_points: what others send
+  robot                .links, .pose, .friction: links of a robot that are in the way
 Each with range and unit: ros2 param describe {node} ball.stiffness, or the README."""
 
 

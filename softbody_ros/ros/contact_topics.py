@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -13,8 +14,10 @@ from rclpy.publisher import Publisher
 
 from softbody_ros.core import MeanWrenches, World
 from softbody_ros.core.contact_forces import ContactWrench, ObstacleKey
+from softbody_ros.core.external_inputs import DynamicObstacle, Key, is_link
 from softbody_ros.ros import messages
 from softbody_ros.ros.publishers import Publishers
+from softbody_ros.scene.robot import Link
 
 IDENTITY = np.eye(3)
 
@@ -27,9 +30,9 @@ class ContactTopics:
     `~/pins/<body>`, by which pins, or an obstacle that it is attached to, hold a body;
     `~/obstacle_contacts/<obstacle>` is about the origin of the obstacle, in its axes, as a sensor
     between a hand and its finger measures it. `~/contacts`, `~/pins` and `~/obstacle_contacts`
-    have all, the last one also markers and points of others. Each output has one message, the mean
-    since the one before; none without force, but one of zeros when it has ended. The first one to
-    a new listener is of the last tick.
+    have all, the last one also links of a robot, each as a whole in its own frame, and markers and
+    points of others. Each output has one message, the mean since the one before; none without
+    force, but one of zeros when it has ended. The first one to a new listener is of the last tick.
 
     Parameters
     ----------
@@ -45,6 +48,8 @@ class ContactTopics:
         self._body: dict[str, Publisher] = {}
         self._pin: dict[str, Publisher] = {}
         self._obstacle: dict[str, Publisher] = {}
+        self._link: dict[str, Publisher] = {}
+        self._links: tuple[Link, ...] = ()
         self._bodies = publishers.for_each(WrenchStamped, '~/contacts', len(world.names))
         self._pins = publishers.for_each(WrenchStamped, '~/pins', len(world.names))
         self._obstacles = publishers.for_each(
@@ -79,6 +84,30 @@ class ContactTopics:
             if name not in own:
                 own[name] = self._publishers.make(WrenchStamped, f'{topic}/{name}')
 
+    def use_links(self, links: Sequence[Link]) -> None:
+        """Have topics for other links of a robot."""
+        self._renew(self._link, '~/obstacle_contacts', [link.name for link in links])
+        self._links = tuple(links)
+
+    def _publish_links(self, stamp: int) -> None:
+        """Publish, for each link, the sum over its shapes, in the frame of the link."""
+        world, means, every = self._world, self._means, _heard(self._obstacles)
+        present = world.external_inputs.dynamic_obstacles
+        for link in self._links:
+            if link.keys[0] not in present:
+                continue
+            _, rotation = link.pose(present[link.keys[0]].obstacle)
+            listeners = every + _heard(self._link[link.name])
+            key = link.keys[0][0], -1
+            wrench = self._due(
+                key,
+                key,
+                listeners,
+                partial(_link_wrench, link, present, means.obstacle_wrench),
+                partial(_link_wrench, link, present, world.obstacle_wrench),
+            )
+            _send(listeners, stamp, link.link, rotation, wrench)
+
     def publish(self, stamp: int, frame_id: str) -> None:
         """Publish what is listened to; `frame_id` is that of the world, `stamp` in ns."""
         self.update()
@@ -94,6 +123,8 @@ class ContactTopics:
             _send(listeners, stamp, frame_id, IDENTITY, wrench)
         every = _heard(self._obstacles)
         for key, obstacle in zip(world.obstacle_keys, (*world.obstacles, None), strict=True):
+            if is_link(key):
+                continue
             # points, the last of all, are in the frame of the world
             frame = key if isinstance(key, str) else frame_id
             if isinstance(key, tuple):
@@ -102,6 +133,7 @@ class ContactTopics:
             listeners = every + (_heard(self._obstacle[key]) if key in self._obstacle else [])
             wrench = self._due(key, key, listeners, means.obstacle_wrench, world.obstacle_wrench)
             _send(listeners, stamp, frame, rotation, wrench)
+        self._publish_links(stamp)
 
     def _due(
         self,
@@ -120,6 +152,15 @@ class ContactTopics:
         was_in_contact = self._was_in_contact.get(key, False)
         self._was_in_contact[key] = bool(force.any() or torque.any())
         return (force, torque) if was_in_contact or self._was_in_contact[key] else None
+
+
+def _link_wrench(
+    link: Link,
+    present: Mapping[Key, DynamicObstacle],
+    wrench_of: Callable[[Key], ContactWrench],
+    _: object,
+) -> ContactWrench:
+    return link.wrench(present, wrench_of)
 
 
 def _heard(publisher: Publisher) -> list[Publisher]:

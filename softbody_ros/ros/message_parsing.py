@@ -17,7 +17,8 @@ from typing import Any
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
 import numpy as np
-from sensor_msgs.msg import PointCloud2, PointField
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState, PointCloud2, PointField
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.core.collision.point_obstacles import NO_POINTS, PointObstacles, thinned
@@ -31,6 +32,7 @@ from softbody_ros.core.config import (
 )
 from softbody_ros.core.external_inputs import (
     MOST_DYNAMIC_OBSTACLES,
+    ROBOT,
     ObstacleRemoval,
     ObstacleUpdate,
 )
@@ -95,6 +97,8 @@ def obstacle_changes(
 def _change(
     marker: Marker, frame_id: str, time_step: float, pace: float
 ) -> ObstacleUpdate | ObstacleRemoval:
+    if marker.ns.startswith(ROBOT):
+        raise InputError(f'its ns begins with {ROBOT}, as of the links of a robot: choose another')
     if marker.action == Marker.DELETE:
         return ObstacleRemoval(marker.ns, marker.id)
     if marker.action == Marker.DELETEALL:
@@ -159,7 +163,10 @@ def _obstacle(
 
 # ---------------------------------------------------------------------------------------- points
 def point_obstacles(
-    message: PointCloud2, frame_id: str, radius: float
+    message: PointCloud2,
+    frame_id: str,
+    radius: float,
+    pose: tuple[Sequence[float], Sequence[float]] | None = None,
 ) -> tuple[PointObstacles, int]:
     """
     Return the thinned points of a cloud, and the number of usable ones before thinning.
@@ -173,6 +180,8 @@ def point_obstacles(
         the frame in which points must be
     radius : float
         of the spheres about them, m
+    pose : ((3,) float, (4,) float), optional
+        of the frame of the message in that of the world, if that is another: m, and a quaternion
 
     Raises
     ------
@@ -180,10 +189,14 @@ def point_obstacles(
         if the cloud cannot be read.
 
     """
-    require_frame(message.header.frame_id, frame_id)
+    if pose is None:
+        require_frame(message.header.frame_id, frame_id)
     if not message.width * message.height:
         return NO_POINTS, 0
     points = _coordinates(message)
+    if pose is not None:
+        with np.errstate(invalid='ignore', over='ignore'):
+            points = points @ Rotation.from_quat(pose[1]).as_matrix().T + pose[0]
     points = points[(np.abs(points) <= LARGEST).all(axis=1)]
     if not len(points):
         return NO_POINTS, 0
@@ -306,6 +319,47 @@ def gravity(message: Vector3Stamped, frame_id: str) -> tuple[float, ...]:
             f'vector is {in_brackets(vector)}: its length must be at most {largest:g} m/s²'
         )
     return vector
+
+
+# ---------------------------------------------------------------------------------------- joints
+def joint_readings(
+    message: JointState,
+) -> tuple[int, list[tuple[str, float, float | None]], str]:
+    """
+    Return stamp, ns, and name, position and velocity of the joints in a message, and a warning.
+
+    A velocity that is not sent, or no number, is None. The warning is about joints that are left
+    out, or ''.
+
+    Raises
+    ------
+    InputError
+        if it says nothing of positions.
+
+    """
+    names, positions, velocities = message.name, message.position, message.velocity
+    if len(positions) != len(names):
+        raise InputError(f'it has {len(names)} names and {len(positions)} positions: send as many')
+    if len(velocities) not in (0, len(names)):
+        raise InputError(
+            f'it has {len(names)} names and {len(velocities)} velocities: or send none'
+        )
+    readings: list[tuple[str, float, float | None]] = []
+    bad = []
+    for name, position, velocity in zip(
+        names, positions, velocities or [None] * len(names), strict=True
+    ):
+        if not abs(position) <= LARGEST:
+            bad.append(f'position of {_quoted(name)} is {position:g}')
+            continue
+        if velocity is not None and not abs(velocity) <= LARGEST:
+            velocity = None
+        readings.append((name, position, velocity))
+    stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    if not bad:
+        return stamp, readings, ''
+    more = f' (and {len(bad) - 1} more like this)' if len(bad) > 1 else ''
+    return stamp, readings, f'{bad[0]}{more}, and is ignored: it must be within ±{LARGEST:g}'
 
 
 # ---------------------------------------------------------------------------------------- common

@@ -25,8 +25,9 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
@@ -36,14 +37,17 @@ from softbody_ros.core.warm_up import compile_ahead
 from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
 from softbody_ros.ros.body_frames import BodyFrames
 from softbody_ros.ros.contact_topics import ContactTopics
+from softbody_ros.ros.frames import Frames, tf_lookup
 from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
 from softbody_ros.ros.publishers import Publishers
+from softbody_ros.ros.robot import DESCRIPTION, JOINT_STATES, RobotLinks
 from softbody_ros.ros.scene_parameters import SceneParameters
 from softbody_ros.ros.simulation_interfaces import Simulation
 from softbody_ros.ros.spinning import spin
 from softbody_ros.ros.subscribers import InputTopics
 from softbody_ros.ros.viewer_process import viewer_of
 from softbody_ros.scene.parameters import Scene
+from softbody_ros.scene.robot import Robot
 from softbody_ros.timeline.stepper import MEBIBYTE, Stepper
 
 SHORTEST_PERIOD = 0.004
@@ -77,12 +81,23 @@ class SimNode(Node):
         self._publish_seconds = 0.0
 
         self._numbers: dict[str, int] = {}
+        self._robot: RobotLinks | None = None
         self._parameters_of_scene.offer(self._stepper, self._use_parameters)
         self._use_parameters()
         self._create_publishers()
         self._create_services()
-        self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node)
+        self._frames = Frames(self._frame_id, lambda: tf_lookup(self, self._frame_id))
+        self._inputs = InputTopics(self, self._stepper, lambda: self._scene.node, self._frames)
         self._gravity_source = self._inputs.gravity_source
+        self._robot = RobotLinks(
+            self._stepper,
+            lambda: self._scene.node,
+            self._inputs.warn,
+            self._use_links,
+            self._frames.lookup,
+        )
+        self._hears_robot = False
+        self._configure_robot(self._robot)
         self._describe_bodies(0)
         self._obstacle_markers = ObstacleMarkers(self, self._stepper, self._frame_id)
         self._world.load_kernels()
@@ -102,6 +117,19 @@ class SimNode(Node):
         self._stepper.history.memory = settings.history_memory * MEBIBYTE
         self._stepper.set_time_scale(settings.time_scale, self._now())
         self._stepper.rates = {'points': settings.points_rate, 'mesh': settings.mesh_rate}
+        if self._robot is not None:
+            self._configure_robot(self._robot)
+
+    def _configure_robot(self, robot: RobotLinks) -> None:
+        if self._scene.node.robot_links and not self._hears_robot:
+            self._hears_robot = True
+            self._inputs.listen(DESCRIPTION, String, robot.describe, latched=True)
+            self._inputs.listen(JOINT_STATES, JointState, robot.note_joints, polled=True)
+        robot.configure()
+
+    def _use_links(self, robot: Robot | None) -> None:
+        links = robot.links if robot is not None else ()
+        self._contacts.use_links(links)
 
     # -------------------------------------------------------------------------------- interfaces
     def _create_publishers(self) -> None:
@@ -111,7 +139,7 @@ class SimNode(Node):
         self._mesh = self._outputs.for_each(Marker, '~/mesh', count)
         self._odometry = self._outputs.for_each(Odometry, '~/odometry', count)
         self._contacts = ContactTopics(self._world, self._outputs)
-        self._frames = BodyFrames(self)
+        self._body_frames = BodyFrames(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
         self._described: tuple[str, ...] = ()
@@ -231,6 +259,9 @@ class SimNode(Node):
 
     def _drive(self) -> None:
         self._parameters_of_scene.settle()
+        self._inputs.poll()
+        if self._robot is not None:
+            self._robot.update()
         self._advance()
         self._parameters_of_scene.follow()
         self._contacts.update()
@@ -298,7 +329,7 @@ class SimNode(Node):
             for name in self._world.names:
                 self._odometry.publish(messages.odometry(stamp, self._frame_id, name, fit(name)))
         if 'points' in outputs and self._scene.node.publish_tf:
-            self._frames.publish(stamp, self._frame_id, self._world.names, fit)
+            self._body_frames.publish(stamp, self._frame_id, self._world.names, fit)
         if 'points' in outputs:
             self._contacts.publish(stamp, self._frame_id)
         if 'mesh' in outputs and self._mesh.get_subscription_count():
@@ -408,6 +439,8 @@ class SimNode(Node):
         }
         self._inputs.hear_everyone()
         values |= self._inputs.report()
+        if self._robot is not None:
+            values |= self._robot.report()
         if self._gravity_source != self._inputs.gravity_source:
             self._gravity_source = self._inputs.gravity_source
             self.get_logger().info(

@@ -14,6 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import MarkerArray
 
 from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.external_inputs import ROBOT
 from softbody_ros.ros import messages
 from softbody_ros.ros.messages import ShownObstacle
 from softbody_ros.timeline.stepper import Stepper
@@ -24,6 +25,9 @@ PLANE_COLOR, COLOR, RECEIVED_COLOR = (
     (0.58, 0.60, 0.62, 1.0),
     (0.45, 0.58, 0.70, 1.0),
 )
+
+LINKS = 'robot/'
+"""What namespaces of links begin with: names of the scene contain no slash."""
 
 Shown = Mapping[tuple[str, int], Obstacle]
 """Obstacles by the `ns` and `id` of their markers."""
@@ -76,7 +80,7 @@ class ObstacleMarkers:
             self._publish(present)
             return
         pairs = [(obstacle, shown[key]) for key, obstacle in present.items()]
-        if due or any(now.config != before.config for now, before in pairs):
+        if due or any(_has_changed(key, now, shown[key]) for key, now in present.items()):
             if not all(_alike(now, before) for now, before in pairs):
                 self._publish(present)
             self._shown = present
@@ -87,7 +91,9 @@ class ObstacleMarkers:
         shown = {(obstacle.config.name, 0): obstacle for obstacle in scene}
         # names of the scene contain no slash
         for (namespace, number), received in world.external_inputs.dynamic_obstacles.items():
-            shown[f'others/{namespace}', number] = received.obstacle
+            link = namespace.removeprefix(ROBOT)
+            of = f'others/{namespace}' if link == namespace else f'{LINKS}{link}'
+            shown[of, number] = received.obstacle
         return shown
 
     def _publish(self, shown: Shown) -> None:
@@ -111,10 +117,18 @@ class ObstacleMarkers:
             self._new_subscriber = True
 
 
+def _has_changed(key: tuple[str, int], now: Obstacle, before: Obstacle) -> bool:
+    """Whether an obstacle is shown at once; the velocities of links change all the time."""
+    if key[0].startswith(LINKS):
+        return now.shape is not before.shape
+    return now.config != before.config
+
+
 def _alike(one: Obstacle, other: Obstacle) -> bool:
     """Whether two obstacles look the same; usually they are one object."""
     return one is other or (
         (one.config.type, one.config.size) == (other.config.type, other.config.size)
+        and one.tree is other.tree
         and np.array_equal(one.position, other.position)
         and np.array_equal(one.rotation, other.rotation)
     )

@@ -16,8 +16,10 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -28,8 +30,10 @@ from softbody_ros.core.external_inputs import (
     Key,
     ObstacleRemoval,
     ObstacleUpdate,
+    is_link,
 )
 from softbody_ros.ros import message_parsing
+from softbody_ros.ros.frames import Frames
 from softbody_ros.ros.message_parsing import InputError
 from softbody_ros.scene.parameters import NodeConfig
 from softbody_ros.timeline.stepper import Stepper
@@ -44,8 +48,23 @@ RELIABLE = QoSProfile(depth=10)
 NEWEST_CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MOST_POLLED = 100
+"""Messages that are taken at a time from a topic that is polled."""
 REMEMBERED = 100
 """Messages of a topic that are recognised when another subscription receives them, too."""
+
+
+class _NeverReady(CallbackGroup):
+    """Keeps what it contains out of the executor."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
 
 
 class InputTopics:
@@ -62,14 +81,24 @@ class InputTopics:
     stepper : Stepper
     settings : callable
         returns the present NodeConfig
+    frames : Frames
+        where other frames are
 
     """
 
-    def __init__(self, node: Node, stepper: Stepper, settings: Callable[[], NodeConfig]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        stepper: Stepper,
+        settings: Callable[[], NodeConfig],
+        frames: Frames,
+    ) -> None:
+        self._frames = frames
         self._node = node
         self._stepper = stepper
         self._settings = settings
         self._warned: dict[str, float] = {}
+        self._polled: list[tuple[_Topic, Subscription]] = []
         self._topics = [
             _Topic('~/obstacles', MarkerArray, self._obstacles),
             _Topic('~/obstacle_points', PointCloud2, self._points),
@@ -80,11 +109,57 @@ class InputTopics:
         for topic in self._topics:
             self._subscribe(topic, NEWEST_CLOUDS if topic.kind is PointCloud2 else RELIABLE)
 
+    def listen(
+        self,
+        name: str,
+        kind: type,
+        use: Callable[[Any, NodeConfig], str],
+        latched: bool = False,
+        polled: bool = False,
+    ) -> None:
+        """
+        Listen to another topic.
+
+        Parameters
+        ----------
+        name : str
+        kind : type
+            of its messages
+        use : callable
+            uses a message, with the present NodeConfig, and returns a warning or ''
+        latched : bool
+            whether messages are usually kept there for later subscribers
+        polled : bool
+            whether they are taken by `poll` only, and wake nobody: rclpy's executor takes half a
+            millisecond for each message that it wakes for, so 1 kHz would cost half a core
+
+        """
+        topic = _Topic(name, kind, use, group=_NeverReady() if polled else None)
+        self._topics.append(topic)
+        self._subscribe(topic, RELIABLE)
+        if latched:
+            self._subscribe(topic, LATCHED)
+
     def _subscribe(self, topic: _Topic, qos: QoSProfile) -> None:
         received = partial(self._received, topic)
-        subscription = self._node.create_subscription(topic.kind, topic.name, received, qos)
+        subscription = self._node.create_subscription(
+            topic.kind, topic.name, received, qos, callback_group=topic.group
+        )
+        if topic.group is not None:
+            self._polled.append((topic, subscription))
         topic.full_name = subscription.topic_name
         topic.heard.append(qos)
+
+    def poll(self) -> None:
+        """Use what has come to the topics that wake nobody."""
+        for topic, subscription in self._polled:
+            with subscription.handle:
+                for _ in range(MOST_POLLED):
+                    # as rclpy's executors take it
+                    taken = subscription.handle.take_message(topic.kind, False)
+                    if taken is None:
+                        break
+                    self._received(topic, *taken)
 
     def hear_everyone(self) -> None:
         """Subscribe as the publishers that are there now need it, and say what cannot be heard."""
@@ -114,17 +189,22 @@ class InputTopics:
         if topic.is_known(info):
             return
         try:
+            self._frames.transform(message, self._world.names)
             problem = topic.use(message, self._settings())
         except InputError as error:
             problem = f'it is ignored: {error}'
         if problem:
             self._warn(topic.name, problem)
 
+    def warn(self, topic: str, problem: str) -> None:
+        """Say something about a topic, however soon after something else."""
+        self._node.get_logger().warning(f'{topic}: {problem}')
+
     def _warn(self, topic: str, problem: str) -> None:
         now = time.monotonic()
         if now - self._warned.get(topic, -WARNING_PERIOD) >= WARNING_PERIOD:
             self._warned[topic] = now
-            self._node.get_logger().warning(f'{topic}: {problem}')
+            self.warn(topic, problem)
 
     def _act(self, action: Callable[..., Any], nbytes: int, **arguments: Any) -> None:
         self._stepper.act(partial(action, **arguments), nbytes)
@@ -159,7 +239,10 @@ class InputTopics:
 
     def _points(self, message: PointCloud2, settings: NodeConfig) -> str:
         radius = settings.obstacle_points_radius
-        points, seen = message_parsing.point_obstacles(message, settings.frame_id, radius)
+        pose = self._frames.pose_of(message.header)
+        points, seen = message_parsing.point_obstacles(
+            message, settings.frame_id, radius, pose and pose[:2]
+        )
         self._act(
             World.set_points,
             BYTES_PER_ACTION + points.points.nbytes,
@@ -234,7 +317,7 @@ class InputTopics:
         return {
             'gravity (m/s²)': f'[{vector}]',
             'gravity source': source,
-            'received obstacles': str(len(inputs.dynamic_obstacles)),
+            'received obstacles': str(sum(not is_link(key) for key in inputs.dynamic_obstacles)),
             'received obstacle points': str(len(inputs.points)),
             'ignored obstacle points, on bodies': str(inputs.points.ignored),
             'received wrenches': str(len(inputs.wrenches)),
@@ -250,6 +333,7 @@ class _Topic:
     use: Callable[[Any, NodeConfig], str]
     full_name: str = ''
     heard: list[QoSProfile] = field(default_factory=list)
+    group: CallbackGroup | None = None
     known: deque[tuple[int, int]] = field(default_factory=partial(deque, maxlen=REMEMBERED))
 
     def is_known(self, info: Mapping[str, int]) -> bool:

@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterable, Mapping
 import dataclasses
 from dataclasses import dataclass
 import difflib
+import math
 import numbers
 import os
 from typing import Any, TypeVar
@@ -94,6 +95,17 @@ class NodeConfig(Checked):
     poke_impulse: float = setting(
         1.5, 'momentum that it gives, inwards', unit='N s', minimum=0.0, maximum=1e6, group='poke'
     )
+    robot_links: tuple[str, ...] = setting(
+        (), 'links of the robot of /robot_description that are obstacles, moved by /joint_states: '
+        "names, or patterns such as '*finger*'; [''] for none", items=str, group='robot',
+    )  # fmt: skip
+    robot_pose: tuple[float, ...] = setting(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 'of its root in frame_id: x y z, and a quaternion '
+        'x y z w', unit='m', minimum=-1e6, maximum=1e6, group='robot',
+    )  # fmt: skip
+    robot_friction: float = setting(
+        -1.0, 'of its links, as that of obstacles', minimum=-1.0, maximum=10.0, group='robot'
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -104,6 +116,14 @@ class NodeConfig(Checked):
                 f'obstacle_points.self_filter is {self.obstacle_points_self_filter:g}: it must be '
                 f'less than obstacle_points.radius, {self.obstacle_points_radius:g} m, or bodies '
                 'sink into the points that they lie on'
+            )
+        # rclpy cannot tell the type of an empty list
+        links = tuple(name for name in self.robot_links if name)
+        object.__setattr__(self, 'robot_links', links)
+        if math.hypot(*self.robot_pose[3:]) < 1e-6:
+            raise ConfigError(
+                f'robot.pose is {list(self.robot_pose)}: its last four numbers must be a '
+                'quaternion x y z w, 0 0 0 1 is no rotation'
             )
 
     @property
@@ -170,6 +190,10 @@ def scene_lists(values: Mapping[str, Any]) -> SceneLists:
         value = values.get(dotted, facts.default)
         items = checked(dotted, () if value is None else value, facts)
         names[field] = tuple(name for name in items if name)
+    if 'robot' in names['bodies'] + names['obstacles']:
+        raise ConfigError(
+            "the name 'robot' is that of the parameters robot.links, …: choose another"
+        )
     require_distinct([name for items in names.values() for name in items])
     return SceneLists(**names)
 
@@ -222,8 +246,8 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
 
     def fields(config: type, prefix: str = '') -> dict[str, Any]:
         return {
-            field: values[prefix + dotted]
-            for field, dotted, _ in settings(config)
+            field: promoted(values[prefix + dotted], facts)
+            for field, dotted, facts in settings(config)
             if prefix + dotted in values
         }
 
@@ -342,7 +366,9 @@ def _stem(name: str) -> str:
 
 
 def promoted(value: Any, facts: Setting) -> Any:
-    """Return a value with integers as floats if the parameter is a float."""
+    """Return a value with integers as floats if the parameter is a float, no list as []."""
+    if value is None and facts.items is not None:
+        return []
     if isinstance(facts.default, float) and _is_integer(value):
         return float(value)
     if facts.length is not None and isinstance(value, Iterable) and not isinstance(value, str):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
 import operator
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -43,17 +44,21 @@ from softbody_ros.core.geometry.bvh import (
 from softbody_ros.core.geometry.mesh import PRIMITIVES, MeshError, Surface, make_surface
 from softbody_ros.core.geometry.vectors import (
     Vector,
+    along,
     applied,
     applied_transposed,
     cross,
     matrix_of,
     minus,
     plus,
+    product,
     put_matrix,
     put_vector,
     scaled,
     vector_of,
 )
+from softbody_ros.core.kinematic_tree import MOTION
+from softbody_ros.core.shape_matching.free_rotation import rotation_by
 
 ROUNDING = 1e-9
 """Relative enlargement of the bounding box of an obstacle."""
@@ -234,6 +239,45 @@ def moved(obstacle: Obstacle, h: float) -> Obstacle:
         rotation=rotation,
         before=(obstacle.position, obstacle.rotation),
     )
+
+
+def with_twist(
+    obstacle: Obstacle, linear: tuple[float, ...], angular: tuple[float, ...], **pose: Any
+) -> Obstacle:
+    """
+    Return an obstacle where it is with another velocity, m/s, and angular velocity, rad/s.
+
+    Not checked. `pose` is what its config says to be its last received one.
+    """
+    config = obstacle.config.with_values(velocity_linear=linear, velocity_angular=angular, **pose)
+    return Obstacle(config, obstacle.position, obstacle.rotation, obstacle.shape)
+
+
+def moved_together(moving: Sequence[Obstacle], h: float) -> list[Obstacle]:
+    """Return obstacles after h seconds at their own velocities, many at a time."""
+    motions = np.zeros(len(moving), MOTION)
+    motions['position'] = [each.position for each in moving]
+    motions['rotation'] = [each.rotation for each in moving]
+    motions['linear'] = [each.config.velocity_linear for each in moving]
+    motions['angular'] = [each.config.velocity_angular for each in moving]
+    _move(motions, h)
+    return [
+        Obstacle(each.config, position, rotation, each.shape, (each.position, each.rotation))
+        for each, position, rotation in zip(
+            moving, motions['position'].copy(), motions['rotation'].copy(), strict=True
+        )
+    ]
+
+
+@kernel
+def _move(motions: np.ndarray, h: float) -> None:
+    """Move poses (s,) MOTION by h seconds of their velocities."""
+    for row in range(len(motions)):
+        record = motions[row]
+        place, turn = vector_of(record['position']), matrix_of(record['rotation'])
+        put_vector(record['position'], along(place, h, vector_of(record['linear'])))
+        turned = product(rotation_by(scaled(h, vector_of(record['angular']))), turn)
+        put_matrix(record['rotation'], turned)
 
 
 # ----------------------------------------------------------------------------------------- records

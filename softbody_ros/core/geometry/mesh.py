@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import os
+import re
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -17,6 +19,8 @@ import trimesh
 PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
 FILE_TYPES = ('stl', 'obj', 'ply', 'off', 'glb')
 LARGEST_FILE = 1 << 30
+COLLADA_HEAD = 1 << 16
+"""Characters of a COLLADA file in which its unit stands."""
 LARGEST_MESH = 4_000_000
 """Largest number of vertices: beyond it a step takes longer than a frame on any machine."""
 WELD_DISTANCE = 1e-7
@@ -112,6 +116,55 @@ def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
     return _facing_outwards(Surface(size * vertices, faces))
 
 
+def read_surface(path: str, scale: Sequence[float]) -> Surface:
+    """
+    Return the mesh in a file where it is, scaled along each axis, closed or not.
+
+    Parameters
+    ----------
+    path : str
+        of an STL, OBJ, PLY, OFF, GLB or DAE file; the last with its own unit
+    scale : (3,) float
+        negative to mirror it
+
+    Raises
+    ------
+    MeshError
+        if the file cannot be read or does not hold a usable triangle mesh.
+
+    """
+    shape = _read_file(path, (*FILE_TYPES, 'dae'))
+    vertices = (
+        _unit_of(path) * np.asarray(scale, dtype=float) * np.asarray(shape.vertices, np.float64)
+    )
+    faces = np.asarray(shape.faces, dtype=np.int64)
+    if not len(faces):
+        raise MeshError(f'mesh {path} holds no triangles: give a surface, not points or lines')
+    _check(vertices, faces, f'mesh {path}')
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    middle, size = (low + high) / 2, float((high - low).max()) / 2
+    if not 0.0 < size < np.inf:
+        raise MeshError(f'mesh {path} measures {2.0 * size:g} m across: export it again')
+    fitted, faces = _welded((vertices - middle) / size, faces)
+    if not len(faces):
+        raise MeshError(f'mesh {path} holds only triangles without area: export it again')
+    return _facing_outwards(Surface(middle + size * fitted, faces))
+
+
+def _unit_of(path: str) -> float:
+    """Return the unit of a file, m: of COLLADA what it says, as RViz reads it, else 1."""
+    if not path.lower().endswith('.dae'):
+        return 1.0
+    with open(path, encoding='utf-8', errors='replace') as file:
+        head = file.read(COLLADA_HEAD)
+    said = re.search(r'<unit\b[^>]*?\bmeter\s*=\s*["\']\s*([0-9.eE+-]+)', head)
+    try:
+        unit = float(said[1]) if said else 1.0
+    except ValueError:
+        unit = 1.0
+    return unit if 0.0 < unit < np.inf else 1.0
+
+
 def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
     """Return a primitive in a cube of half extent 1; each level doubles its fineness."""
     sections = 8 * 2**subdivisions
@@ -136,12 +189,12 @@ def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
     return trimesh.creation.revolve(profile[::-1], sections=sections)
 
 
-def _read_file(path: str) -> trimesh.Trimesh:
+def _read_file(path: str, types: Sequence[str] = FILE_TYPES) -> trimesh.Trimesh:
     extension = os.path.splitext(path)[1].lower().lstrip('.')
-    if extension not in FILE_TYPES:
+    if extension not in types:
         raise MeshError(
             f'mesh {path!r} is neither a primitive ({", ".join(PRIMITIVES)}) '
-            f'nor a file that ends in .{", .".join(FILE_TYPES)}'
+            f'nor a file that ends in .{", .".join(types)}'
         )
     if not os.path.isfile(path):
         raise MeshError(f'mesh file {path} does not exist: check the path')
