@@ -15,6 +15,7 @@ import math
 import numpy as np
 from pictures.drawing import (
     BLUE,
+    CREAM,
     ORANGE,
     SLATE,
     Paint,
@@ -29,6 +30,7 @@ from pictures.drawing import (
 )
 from PIL import Image
 from scene_files import ROOT, scene
+from scipy.spatial import cKDTree
 
 from softbody_ros.core import (
     BodyConfig,
@@ -41,6 +43,7 @@ from softbody_ros.core import (
 from softbody_ros.scene.parameters import mesh_path
 
 RESOURCE = ROOT / 'resource'
+DEEP_RED = np.array([0.6, 0.03, 0.08])
 LYING = (0.0, 0.7071, 0.0, 0.7071)
 """An orientation in which z of the mesh is x of the world."""
 
@@ -238,6 +241,45 @@ def grasp() -> None:
     sheet(panels, 3).save(RESOURCE / 'grasp.png', optimize=True)
 
 
+def pressure() -> None:
+    """The pressure on a ball that two fingers hold, seen with and without one of them."""
+    made = scene('gripper').world
+    (ball,) = made.bodies
+    ball = dataclasses.replace(ball, subdivisions=4)
+    world = World(dataclasses.replace(made, bodies=(ball,)))
+
+    def go(seconds: float, inwards: float, upwards: float) -> None:
+        for name, sign in (('left', 1.0), ('right', -1.0)):
+            place = next(item for item in world.obstacles if item.config.name == name).position
+            world.move_obstacle(name, place, linear=(sign * inwards, 0.0, upwards))
+        run_to(world, world.time + seconds)
+
+    go(0.6, 0.05, 0.0)
+    go(0.6, 0.0, 0.1)
+    go(0.5, 0.0, 0.0)
+    felt = world.pressure('ball')
+    rest = cKDTree(world.rest_shape('ball').surface.vertices)
+
+    def paint(points: np.ndarray) -> np.ndarray:
+        distance, nearest = rest.query(points, 4)
+        near = 1.0 / (distance + 1e-6)
+        share = (near * felt[nearest]).sum(axis=1) / near.sum(axis=1) / felt.max()
+        return heat(share[:, None])
+
+    view = camera([0.8, 0.6, -0.25], [-0.17, -0.03], [0.17, 0.2], 1300)
+    panels = [with_caption(photo(world, {'ball': paint}, view), 'held by two fingers')]
+    world.remove('left')
+    caption = f'what one of them presses on: up to {felt.max() / 1e3:.0f} kPa'
+    panels.append(with_caption(photo(world, {'ball': paint}, view), caption))
+    sheet(panels, 2).save(RESOURCE / 'pressure.png', optimize=True)
+
+
+def heat(share: np.ndarray) -> np.ndarray:
+    """Return colors (k, 3) from cream over orange to red for shares (k, 1) from 0 to 1."""
+    low = CREAM + np.minimum(2.0 * share, 1.0) * (ORANGE - CREAM)
+    return low + np.maximum(2.0 * share - 1.0, 0.0) * (DEEP_RED - ORANGE)
+
+
 def reference_step(frequency: float, stiffness: float) -> float:
     """Return the `reference_step`, s, with which a stiffness is a natural frequency, Hz."""
     return math.acos(1.0 - stiffness / 2.0) / (2.0 * math.pi * frequency)
@@ -348,7 +390,7 @@ def with_paddle(config: WorldConfig, turn: float) -> WorldConfig:
     return dataclasses.replace(config, obstacles=tuple(turned))
 
 
-DRAWN = (ball, modes, scenes, bodies, contact, grasp, stack, plates, viewer)
+DRAWN = (ball, modes, scenes, bodies, contact, grasp, pressure, stack, plates, viewer)
 PICTURES = {each.__name__: each for each in DRAWN}
 
 
