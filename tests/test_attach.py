@@ -7,6 +7,7 @@ import dataclasses
 from core_helpers import body, bytes_of, centre, floating
 import numpy as np
 import pytest
+from scene_files import ROOT
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import (
@@ -18,6 +19,7 @@ from softbody_ros.core import (
     make_surface,
 )
 from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
+from softbody_ros.scene.robot import RobotState, move_robot, read_robot
 from softbody_ros.timeline.stepper import Stepper
 
 MODES = ('rigid', 'linear', 'quadratic')
@@ -175,6 +177,19 @@ def test_in_rest_the_obstacle_carries_the_weight_and_its_moment(mode, side):
     assert not world.contact_wrench('body')[0].any()
 
 
+def test_what_cannot_yield_to_what_it_is_held_in_feels_nothing_of_it():
+    # edges of a box are in a rigid ball that a hand holds: there is no force that parts them
+    wedge = ObstacleConfig(
+        name='wedge', type='box', size=(0.1, 0.1, 0.05), position=(0.0, 0.05, -0.12)
+    )
+    config = body(BALL, mode='rigid', mass=MASS, **REACH)
+    world = World(WorldConfig(bodies=(config,), obstacles=(CUP, wedge)))
+    assert wedge.position[2] + wedge.size[2] > -RADIUS
+    world.step(240)
+    assert world.obstacle_wrench('cup')[0] == pytest.approx((0, 0, -MASS * GRAVITY), abs=1e-12)
+    assert not world.obstacle_wrench('wedge')[0].any()
+
+
 @pytest.mark.parametrize('mode', MODES)
 @pytest.mark.parametrize('h', [1 / 60, 1 / 240, 1 / 1000])
 def test_all_that_acts_on_a_body_is_the_change_of_its_momenta(mode, h):
@@ -317,6 +332,41 @@ def test_received_obstacles_hold_by_namespace_and_id_and_move_it():
     assert world.positions('body')[particles] == pytest.approx(place + (0, 0, 0.015), abs=1e-12)
     world.change_obstacles([ObstacleRemoval('hand', 3)])
     assert held(world) == []
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_link_of_a_robot_holds_with_all_its_shapes(mode):
+    robot, _ = read_robot((ROOT / 'config' / 'gripper.urdf').read_text(), ['left_finger', 'palm'])
+    config = body(BALL, name='ball', mode=mode, mass=MASS, position=(0.0, 0.0, 0.0))
+    world = World(WorldConfig(bodies=(config,), obstacles=()))
+
+    def move(hoist, speed):
+        values = {'hoist': (hoist, speed), 'grip': (0.11, 0.0)}
+        q, v = np.array([values[name] for name in robot.joints]).T
+        state = RobotState(q, v, approach=0.0)
+        move_robot(world, robot, {robot.root: state}, 10.0)
+
+    move(0.0, 0.0)
+    world.configure(
+        dataclasses.replace(
+            world.config,
+            bodies=(dataclasses.replace(config, attach_to='left_finger', attach_radius=0.06),),
+        )
+    )
+    finger = [item for item in world.obstacles if item.config.name == 'left_finger']
+    assert len(finger) > 1
+    distance = np.min([item.closest(world.positions('ball'))[0] for item in finger], axis=0)
+    assert held(world) == np.flatnonzero(distance <= 0.06).tolist()
+    place = world.positions('ball')[held(world)]
+    move(0.0, 0.1)
+    world.step(480)
+    assert world.positions('ball')[held(world)] == pytest.approx(place + (0.0, 0.0, 0.2), abs=1e-9)
+    move(0.2, 0.0)
+    world.step(960)
+    link = next(link for link in robot.links if link.name == 'left_finger')
+    present = world.external_inputs.dynamic_obstacles
+    force, _ = link.wrench(present, world.obstacle_wrench)
+    assert force == pytest.approx((0.0, 0.0, -MASS * GRAVITY), abs=1e-3)
 
 
 @pytest.mark.parametrize('mode', MODES)

@@ -270,6 +270,7 @@ class Integrator:
         return resolution.find_face_rows(
             state.bodies, contacts, environment.point_sets, state.shapes, state.weights, state.x,
             state.v, self._flown, h, state.contact_memory, members, self._rows, found,
+            state.is_pinned,
         )  # fmt: skip
 
 

@@ -257,7 +257,7 @@ def find_obstacle_rows(
         x0, x1 = x[now], x[1 - now]
         if member['is_soft'] and not member['starts']:
             continue
-        if member['has_pins'] and not member['is_soft'] and is_fixed(member):
+        if is_held(member):
             continue
         reach = body['thickness'] + member['margin']
         low, high, low_before, high_before = ZERO, ZERO, ZERO, ZERO
@@ -284,6 +284,23 @@ def find_obstacle_rows(
                     complete_row(rows[found], members, memory, velocity, h)
                 found += 1
     return found
+
+
+@helper
+def may_yield(contact: np.void, members: np.ndarray, is_pinned: np.ndarray) -> bool:
+    """Return whether a particle, or the face that it touches, is not held by pins."""
+    owner, particles = contact['body'], contact['particles']
+    if owner < len(members) and not is_held(members[owner]) and not is_pinned[particles[0]]:
+        return True
+    if is_held(members[contact['other']]):
+        return False
+    return not (is_pinned[particles[1]] and is_pinned[particles[2]] and is_pinned[particles[3]])
+
+
+@helper
+def is_held(member: np.void) -> bool:
+    """Return whether pins hold all of a body."""
+    return member['has_pins'] and not member['is_soft'] and is_fixed(member)
 
 
 @helper
@@ -393,9 +410,12 @@ def find_face_rows(
     members: np.ndarray,
     rows: np.ndarray,
     found: int,
+    is_pinned: np.ndarray,
 ) -> int:
     """
     Append the rows of contacts between bodies, and of points with faces of bodies.
+
+    What pins hold on both sides cannot yield, and its force would be any.
 
     Parameters
     ----------
@@ -404,7 +424,7 @@ def find_face_rows(
     sets : (s,) POINT_SET
     found : int
         number of rows before
-    bodies, shapes, weights, x, v, flown, h, memory, members, rows
+    bodies, shapes, weights, x, v, flown, h, memory, members, rows, is_pinned
         see `find_obstacle_rows`
 
     Returns
@@ -414,6 +434,8 @@ def find_face_rows(
 
     """
     for contact in contacts:
+        if not may_yield(contact, members, is_pinned):
+            continue
         if found < len(rows):
             velocity = put_face_row(
                 rows[found], contact, bodies, members, sets, shapes, weights, x, v, flown, h
