@@ -8,9 +8,11 @@ import random
 from core_helpers import bytes_of
 import numpy as np
 import pytest
+import trimesh
 
 from softbody_ros.core import (
     BodyConfig,
+    ConfigError,
     ObstacleConfig,
     ObstacleRemoval,
     ObstacleUpdate,
@@ -342,6 +344,30 @@ def test_what_comes_and_goes_on_the_way_back_waits_for_the_arrival():
     stepper.rewind(START + round(0.5 * SECOND) - 1)
     go_to(stepper, 0.5 - 1e-9)
     assert named(stepper)[0] == log[0]
+
+
+@pytest.mark.parametrize('is_file', [False, True])
+def test_parameters_that_do_not_fit_what_comes_on_the_way_back_do_no_harm(tmp_path, is_file):
+    file = tmp_path / 'cube.stl'
+    trimesh.creation.box().export(file)
+    cube = dataclasses.replace(CUBE, mesh=str(file)) if is_file else CUBE
+    stepper = stepper_of(memory=0.0, per_look=SLICE)
+    go_to(stepper, 0.3)
+    with_items(stepper, cube)
+    go_to(stepper, 0.8)
+    stepper.rewind(START + round(0.5 * SECOND))
+    assert stepper.world.names == ('ball',)
+    wrong = dataclasses.replace(cube, pins_indices=(8,))
+    if is_file:  # it cannot be known any more what is in it
+        file.unlink()
+        with_items(stepper, wrong, without=['cube'])
+    else:
+        with pytest.raises(ConfigError, match='the vertices 0 to 7'):
+            with_items(stepper, wrong, without=['cube'])
+    go_to(stepper, 0.5)
+    assert stepper.config == stepper.world.config
+    assert stepper.world.body_config('cube') == cube
+    go_to(stepper, 0.6)
 
 
 def test_what_is_added_on_the_way_back_is_gone_further_back():

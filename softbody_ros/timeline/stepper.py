@@ -361,7 +361,9 @@ class Stepper:
         """Let the bodies and obstacles that are there have the parameters of a config."""
         adapted = self.world.adapted(config)
         if self.world.config != adapted:
-            self.act(Adoption(self.world.prepare(adapted)))
+            # what was not there when it was checked may have another mesh than was thought
+            with suppress(ConfigError):
+                self.act(Adoption(self.world.prepare(adapted)))
         self._config = self.world.config
 
     # ------------------------------------------------------------------------------------ advance
