@@ -8,8 +8,11 @@ from core_helpers import random_rotation
 import numpy as np
 
 from softbody_ros.core import Surface, make_surface
+from softbody_ros.core.collision.obstacles import OBSTACLE
 from softbody_ros.core.state import State
 from softbody_ros.core.step import accept
+
+NO_OBSTACLES = np.zeros(0, OBSTACLE)
 
 
 def pebble():
@@ -39,8 +42,9 @@ class Flying:
     def accept(self, awake=None):
         state = self.state
         accept(
-            state.bodies, self.chosen(awake), state.shapes, state.weights, state.x, self.h,
-            state.reaction, state.normal_impulse, state.obstacle_impulse, state.obstacle_total,
+            state.bodies, self.chosen(awake), state.shapes, state.weights, state.x, state.v,
+            self.h, NO_OBSTACLES, state.reaction, state.normal_impulse, state.obstacle_impulse,
+            state.holding, state.holder_impulse, state.obstacle_total,
         )  # fmt: skip
 
     def put(self, x, v, index=0):

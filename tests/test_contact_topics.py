@@ -103,6 +103,36 @@ def test_nothing_of_an_impact_is_lost_between_messages(graph):
         assert impulse == pytest.approx(3.0 * G * (stamp_of(messages[-1]) - start), rel=1e-4)
 
 
+def test_what_an_obstacle_holds_is_on_the_topics_of_both(graph):
+    sim = graph.sim_node(
+        obstacles=['hand'], ball__subdivisions=1, ball__mass=2.0, ball__position=[0.0, 0.0, 0.0],
+        hand__type='box', hand__size=[0.1, 0.1, 0.1], hand__position=[0.3, 0.0, 0.6],
+        gravity__magnitude=0.0,
+    )  # fmt: skip
+    refused = graph.set_parameter(SIM, 'ball.attach.to', 'hand')
+    assert not refused.successful
+    assert 'set attach.radius, attach.indices or attach.box first' in refused.reason
+    assert graph.set_parameter(SIM, 'ball.attach.radius', 0.01).successful
+    refused = graph.set_parameter(SIM, 'ball.attach.to', 'hand')
+    assert 'no vertex is so near to hand, the nearest one is 0.' in refused.reason
+    assert graph.set_parameter(SIM, 'ball.attach.radius', 0.3).successful
+    assert graph.set_parameter(SIM, 'ball.attach.to', 'hand').successful
+    assert graph.set_parameter(SIM, 'gravity.magnitude', G).successful
+    graph.spin_until(lambda: sim._world.is_asleep('ball'))
+    pins = graph.collect(WrenchStamped, f'{SIM}/pins')
+    own = graph.collect(WrenchStamped, f'{SIM}/pins/ball')
+    felt = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts/hand')
+    graph.spin_until(lambda: len(pins) > 3 and len(own) > 3 and len(felt) > 3)
+    assert force_of(own[-1]) == pytest.approx([0.0, 0.0, 2.0 * G], abs=1e-9)
+    assert force_of(pins[-1]) == pytest.approx(force_of(own[-1]), abs=1e-9)
+    assert force_of(felt[-1]) == pytest.approx(-force_of(own[-1]), abs=1e-9)
+    arm = sim._world.rigid_fit('ball').position - [0.3, 0.0, 0.6]
+    assert torque_of(felt[-1]) == pytest.approx(np.cross(arm, force_of(felt[-1])), abs=1e-3)
+    # gone with the hand's grip, after one message of zeros
+    assert graph.set_parameter(SIM, 'ball.attach.to', '').successful
+    graph.spin_until(lambda: not force_of(own[-1]).any() and not force_of(felt[-1]).any())
+
+
 def test_obstacles_and_points_of_others_are_felt_too(graph):
     graph.sim_node(obstacles=[''], ball__subdivisions=1, ball__mass=2.0)
     felt = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts')

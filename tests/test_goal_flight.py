@@ -10,6 +10,7 @@ import itertools
 
 from core_helpers import body, cloud, random_rotation, sheet
 from flights import (
+    NO_OBSTACLES,
     Flying,
     assert_as_alone,
     assert_refuses_what_is_not_finite,
@@ -68,7 +69,10 @@ class Flights(Flying):
         """Make the tick the state, with pinned particles where they are prescribed to be."""
         state, chosen = self.state, self.chosen(awake)
         pinned = chosen[state.bodies['pins'][chosen] > 0]
-        pins.hold(state.bodies, pinned, state.pinned, state.x, state.v, self.h)
+        pins.hold(
+            state.bodies, pinned, state.pinned, state.pin_offset, NO_OBSTACLES, state.x, state.v,
+            self.h,
+        )  # fmt: skip
         super().accept(awake)
 
 

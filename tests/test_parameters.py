@@ -30,14 +30,17 @@ def test_every_parameter_has_a_description_and_bounds_where_it_is_a_number():
 
 def test_table_has_what_the_design_lists():
     scene = 'frame_id time_step reference_step points_rate mesh_rate time_scale step_count '
-    scene += 'input_timeout obstacle_points.radius obstacle_points.self_filter poke.radius '
-    scene += 'poke.impulse history.memory gravity.magnitude gravity.direction bodies obstacles'
+    scene += 'input_timeout obstacle_points.radius obstacle_points.self_filter '
+    scene += 'obstacle_points.noise poke.radius '
+    scene += 'poke.impulse history.memory publish_tf gravity.magnitude gravity.direction '
+    scene += 'bodies obstacles'
     body = 'mesh size subdivisions position orientation initial_velocity.linear '
     body += 'initial_velocity.angular mass mode stiffness bounciness deformation elasticity '
     body += 'friction friction_model volume_conservation damping thickness color '
     body += 'regions.count regions.overlap regions.whole_body_weight '
     body += 'plasticity.yield plasticity.creep plasticity.max '
-    body += 'pins.indices pins.box pins.velocity.linear pins.velocity.angular'
+    body += 'pins.indices pins.box pins.velocity.linear pins.velocity.angular '
+    body += 'attach.to attach.indices attach.box attach.radius'
     obstacle = 'type mesh subdivisions position orientation size velocity.linear velocity.angular '
     obstacle += 'surface_velocity friction elasticity'
     expected = scene.split() + [f'ball.{name}' for name in body.split()]

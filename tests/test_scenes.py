@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each scene of `config` runs for some hundred ticks, and shows what it is for."""
 
+import dataclasses
+
 from core_helpers import rms_displacement
 import numpy as np
 import pytest
@@ -55,6 +57,30 @@ def test_belts_carry_everything_into_the_bin():
         x, y, z = world.rigid_fit(name).position
         assert (0.75 < x < 2.05) and (1.6 < y < 3.0) and z < 0.4, name
     assert world.is_asleep('jelly') and world.is_asleep('brick')
+
+
+def test_a_suction_cup_lifts_a_packet_and_lets_go():
+    world = world_of('suction_cup')
+    run_to(world, 1.0)
+
+    def configured(**values):
+        (packet,) = world.config.bodies
+        packet = dataclasses.replace(packet, **values)
+        world.configure(dataclasses.replace(world.config, bodies=(packet,)))
+
+    configured(attach_to='cup')
+    cup = world.obstacles[1]
+    world.move_obstacle('cup', cup.position, linear=(0.0, 0.0, 0.1))
+    run_to(world, 3.0)
+    world.move_obstacle('cup', world.obstacles[1].position)
+    run_to(world, 5.0)
+    assert world.rigid_fit('packet').position[2] == pytest.approx(0.26, abs=0.01)
+    assert world.obstacle_wrench('cup')[0] == pytest.approx((0, 0, -0.3 * 9.81), abs=0.01)
+    assert not world.obstacle_wrench('ground')[0].any()
+    configured(attach_to='')
+    run_to(world, 7.0)
+    assert world.rigid_fit('packet').position[2] < 0.08
+    assert world.obstacle_wrench('ground')[0] == pytest.approx((0, 0, -0.3 * 9.81), abs=0.01)
 
 
 def test_sphere_is_an_egg_when_it_lands_and_a_sphere_when_it_lies():

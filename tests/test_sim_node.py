@@ -289,6 +289,7 @@ def test_every_parameter_at_run_time(graph):
             assert len(result.reason) > 10, (name, value)
             assert sim.get_parameter(name).value == before, (name, value)
         good = INSIDE if name == 'ball.pins.box' else CHANGED[type(facts.default)](facts)
+        good = '' if name == 'ball.attach.to' else good  # pins hold it already
         good = [*facts.default, f'other_{name}'] if facts.items is str else good
         result = graph.set_parameter(SIM, name, good)
         assert result.successful, (name, result.reason)

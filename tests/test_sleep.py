@@ -17,6 +17,7 @@ from softbody_ros.core import (
     WorldConfig,
 )
 from softbody_ros.core.shape_matching import modal_flight
+from softbody_ros.core.sleeping import BodyBoxes
 
 MODES = ('rigid', 'linear', 'quadratic')
 
@@ -449,3 +450,36 @@ def test_who_lay_on_a_body_that_is_removed_falls():
     world.step(60)
     assert awake(world) == 'bc'
     assert centre(world, 'b')[2] < 1.4 and centre(world, 'c')[2] < 2.4
+
+
+def test_the_boxes_that_are_kept_of_sleepers_are_those_that_they_have():
+    config = body('box', position=(0.0, 0.0, 0.5))
+    others = (dataclasses.replace(config, name='two', position=(3.0, 0.0, 0.5)),)
+    world = World(WorldConfig(bodies=(config, *others)))
+
+    def assert_boxes_are_right():
+        kept, measured = world._boxes(), BodyBoxes(world._state).measured()
+        np.testing.assert_array_equal(kept, measured)
+
+    def slept():
+        for _ in range(60):
+            world.step(30)
+            assert_boxes_are_right()
+        assert world.is_asleep('body') and world.is_asleep('two')
+
+    slept()
+    saved = world.snapshot()
+    changes = [
+        lambda: world.set_state('body', world.positions('body') + (0.0, 0.5, 0.2)),
+        lambda: world.place('two', np.array([2.0, 0.0, 1.0]), np.eye(3)),
+        lambda: world.poke(world.positions('two')[0], 1.0, 0.5),
+        lambda: world.restore(saved),
+        lambda: world.move_obstacle('ground', (0.0, 0.0, -0.1)),
+        lambda: world.add(dataclasses.replace(config, name='new', position=(6.0, 0.0, 0.7))),
+        lambda: world.remove('new'),
+        world.reset,
+    ]
+    for change in changes:
+        change()
+        assert_boxes_are_right()
+        slept()

@@ -226,7 +226,7 @@ def test_every_parameter_has_a_widget_that_gives_its_value_back():
         assert back == pytest.approx(value, abs=2e-3) if field.kind == 'color' else back == value
         assert type(back) is type(value)
         kinds.setdefault(field.kind, field.name)
-    assert set(kinds) == {'slider', 'number', 'choice', 'vector', 'color', 'text'}
+    assert set(kinds) == {'slider', 'number', 'switch', 'choice', 'vector', 'color', 'text'}
 
 
 def test_a_field_says_what_the_descriptor_says():

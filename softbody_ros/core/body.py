@@ -71,6 +71,9 @@ BODY = np.dtype(
         ('compressible', np.float64),
         ('pins_linear', np.float64, (3,)),  # m/s
         ('pins_angular', np.float64, (3,)),  # rad/s
+        ('pins_shift', np.float64, (3,)),  # displacement of their centre in a tick, m
+        ('pins_acceleration', np.float64, (3,)),  # of their centre, m/s²
+        ('holder', np.int64),  # obstacle with which its pins move, or -1
         # applied wrench per mass, in world axes and in body axes: force, m/s², and torque, m²/s²
         ('has_wrench', np.bool_),
         ('wrench', np.float64, (2, 2, 3)),
@@ -89,6 +92,9 @@ BODY = np.dtype(
         ('allowed', np.float64, (3, 3)),  # projector on axes about which they let it turn
         # integral over time of the wrench of contacts, N s and N m s
         ('total', np.float64, (2, 3)),
+        ('holding_total', np.float64, (2, 3)),  # the same of its pins
+        # per mass, of gravity and of the wrench on it: m/s², m²/s²; of bodies with pins only
+        ('applied', np.float64, (2, 3)),
         # results of the flight, see shape_matching/modal_flight.py and goal_flight.py
         ('origin', np.float64, (3,)),  # of start positions in `map`, m
         ('start_centre', np.float64, (3,)),  # m

@@ -116,6 +116,10 @@ def checked(name: str, value: Any, facts: Setting) -> Any:
 
     """
     default = facts.default
+    if isinstance(default, bool):
+        if not isinstance(value, (bool, np.bool_)):
+            raise ConfigError(f'{name} is {_shown(value)}: it must be true or false')
+        return bool(value)
     if isinstance(default, str):
         if not isinstance(value, str):
             raise ConfigError(f'{name} is {value!r}: it must be a text')
@@ -334,16 +338,58 @@ class BodyConfig(Checked):
         (0.0, 0.0, 0.0), 'about their centre, world axes', unit='rad/s', minimum=-1e4,
         maximum=1e4, group='pins.velocity',
     )  # fmt: skip
+    attach_to: str = setting(
+        '', 'obstacle, or link of a robot, with which vertices move from now on, as if glued to '
+        'it; empty: they are let go', group='attach',
+    )  # fmt: skip
+    attach_indices: tuple[int, ...] = setting(
+        (), 'vertices that do; [-1] for none', minimum=-1, maximum=LARGEST_MESH, items=int,
+        group='attach',
+    )  # fmt: skip
+    attach_box: tuple[float, ...] = _vector(
+        (0.0,) * 6, 'vertices in this box of the mesh do too, given like pins.box', unit='m',
+        group='attach',
+    )  # fmt: skip
+    attach_radius: float = setting(
+        0.0, 'vertices up to this distance from the surface of the obstacle do too; 0 for none',
+        unit='m', minimum=0.0, maximum=1e4, group='attach',
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
         # rclpy cannot tell the type of an empty list
-        pins = tuple(index for index in self.pins_indices if index >= 0)
-        object.__setattr__(self, 'pins_indices', pins)
+        for field in ('pins_indices', 'attach_indices'):
+            indices = tuple(index for index in getattr(self, field) if index >= 0)
+            object.__setattr__(self, field, indices)
+        self._check_attachment()
         if self.friction_model == 'viscous' and self.friction > 1.0:
             raise ConfigError(
                 f'{self.prefix}friction is {self.friction:g}: with friction_model viscous it is '
                 'a fraction from 0 to 1; larger coefficients need friction_model coulomb'
+            )
+
+    @property
+    def has_pins(self) -> bool:
+        """Whether pins hold some of its vertices."""
+        return bool(self.pins_indices) or any(self.pins_box)
+
+    @property
+    def attachment(self) -> tuple:
+        """All that says what it is attached to, and where."""
+        return self.attach_to, self.attach_indices, self.attach_box, self.attach_radius
+
+    def _check_attachment(self) -> None:
+        if not self.attach_to:
+            return
+        if not (self.attach_indices or any(self.attach_box) or self.attach_radius):
+            raise ConfigError(
+                f'{self.prefix}attach.to is {self.attach_to!r}, but no vertex is named: set '
+                'attach.radius, attach.indices or attach.box first'
+            )
+        if self.has_pins:
+            raise ConfigError(
+                f'{self.prefix}attach.to is {self.attach_to!r}, but pins hold this body: clear '
+                'pins.indices and pins.box first'
             )
 
 

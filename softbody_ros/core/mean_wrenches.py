@@ -39,6 +39,11 @@ class MeanWrenches:
         now = self._world.contact_impulse(name)
         return self._mean(self._bodies, name, now) or self._world.contact_wrench(name)
 
+    def pin_wrench(self, name: str) -> ContactWrench:
+        """Return the mean of `World.pin_wrench`."""
+        now = self._world.pin_impulse(name)
+        return self._mean(self._pins, name, now) or self._world.pin_wrench(name)
+
     def obstacle_wrench(self, name: ObstacleKey) -> ContactWrench:
         """Return the mean of `World.obstacle_wrench`."""
         key, now = self._world.obstacle_key(name), self._world.obstacle_impulse(name)
@@ -47,6 +52,7 @@ class MeanWrenches:
     def forget(self, name: str) -> None:
         """Forget a body or an obstacle that has been removed."""
         self._bodies.pop(name, None)
+        self._pins.pop(name, None)
         self._obstacles.pop(name, None)
 
     def _begin(self) -> None:
@@ -54,6 +60,7 @@ class MeanWrenches:
         world = self._world
         self._time_jumps = world.time_jumps
         self._bodies = {name: world.contact_impulse(name) for name in world.names}
+        self._pins = {name: world.pin_impulse(name) for name in world.names}
         self._obstacles = {key: world.obstacle_impulse(key) for key in world.obstacle_keys}
 
     def _mean(self, last: dict, key: ObstacleKey, now: ContactImpulse) -> ContactWrench | None:

@@ -50,13 +50,39 @@ def begin_watching(state: State, indices: Iterable[int]) -> None:
         state.still_samples[index] = 0
 
 
-def body_boxes(state: State) -> Boxes:
-    """Return corners (B, 3) of the bounding boxes of all bodies, with their thickness, m."""
-    count = len(state.bodies)
-    margin = state.bodies['thickness'] + AT_REST * state.scales
-    low, high = np.empty((count, 3)), np.empty((count, 3))
-    bound_bodies(state.bodies, np.arange(count), state.x, 0, margin, low, high)
-    return low, high
+class BodyBoxes:
+    """
+    Bounding boxes of all bodies, with their thickness; those of bodies asleep are kept.
+
+    So many bodies asleep cost nothing while things move elsewhere.
+
+    Parameters
+    ----------
+    state : State
+
+    """
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        count = len(state.bodies)
+        self._low, self._high = np.empty((count, 3)), np.empty((count, 3))
+        self._is_kept = np.zeros(count, dtype=bool)
+
+    def forget(self, indices: np.ndarray | slice | int) -> None:
+        """Measure bodies anew, which have moved since they fell asleep."""
+        self._is_kept[indices] = False
+
+    def measured(self) -> Boxes:
+        """Return corners (B, 3) of the present boxes, m."""
+        state = self._state
+        chosen = np.flatnonzero(~self._is_kept)
+        if len(chosen):
+            margin = (state.bodies['thickness'] + AT_REST * state.scales)[chosen]
+            low, high = np.empty((2, len(chosen), 3))
+            bound_bodies(state.bodies, chosen, state.x, 0, margin, low, high)
+            self._low[chosen], self._high[chosen] = low, high
+            self._is_kept[chosen] = ~is_awake(state)[chosen]
+        return self._low.copy(), self._high.copy()
 
 
 def update_sleep(
@@ -67,6 +93,7 @@ def update_sleep(
     points: PointObstacles,
     pinned: tuple[np.ndarray, np.ndarray],
     fall: float,
+    body_boxes: BodyBoxes,
 ) -> None:
     """
     Sample the displacements of bodies since the last sample, and put islands at rest to sleep.
@@ -83,6 +110,8 @@ def update_sleep(
         bodies with fixed pins, and with moving pins
     fall : float
         displacement by gravity in a tick, m: a resting body may be that far above the ground
+    body_boxes : BodyBoxes
+        of the state
 
     """
     bodies, count = state.bodies, len(state.bodies)
@@ -99,7 +128,7 @@ def update_sleep(
     supported &= ~driven
     island, is_disturbed = np.zeros(count, np.int64), np.zeros(count, dtype=bool)
     if count > 1 or len(points) or any(obstacle.drives for obstacle in obstacles):
-        boxes = body_boxes(state)
+        boxes = body_boxes.measured()
         is_disturbed = disturbed(boxes, obstacles)
         supported |= points.touched(boxes[0] - fall, boxes[1] + fall)
         island = islands(count, *overlapping(*boxes))
@@ -149,9 +178,12 @@ def count_still_samples(
 def wake_touching(state: State, boxes: Boxes, obstacles: Sequence[Obstacle]) -> None:
     """Wake islands with a body that is awake, or disturbed by a moving obstacle."""
     awake = is_awake(state)
+    wake = awake | disturbed(boxes, obstacles)
+    if not wake.any():
+        return
     island = islands(len(awake), *overlapping(*boxes))
     wakes = np.zeros(island.max() + 1, dtype=bool)
-    wakes[island[awake | disturbed(boxes, obstacles)]] = True
+    wakes[island[wake]] = True
     state.still_samples[wakes[island] & ~awake] = 0
 
 

@@ -60,6 +60,8 @@ class BodyState:
         see `State`; None without contacts
     flattened : float
         volume, of that at rest, by which that of the fit is to be less while it is in contact
+    holding, holding_total, holder_impulse : (2, 3) float
+        of pins, see `State`; the second is an integral over time, N s and N m s
 
     """
 
@@ -75,6 +77,9 @@ class BodyState:
     normal_impulse: np.ndarray
     obstacle_impulse: np.ndarray | None
     flattened: float
+    holding: np.ndarray
+    holding_total: np.ndarray
+    holder_impulse: np.ndarray
 
     @property
     def nbytes(self) -> int:
@@ -206,6 +211,13 @@ class State:
         centres, m, and linear maps of offsets, of the matched shapes at the last tick
     pinned, is_pinned : (m,) int, (N,) bool
         pinned particles of all bodies, as columns of `x`
+    pin_offset : (3, m) float
+        where they are in the frame of the obstacle that holds them, m, if one does
+    holding : (B, 2, 3) float
+        wrench of the pins of a body in the last tick, about its centre of mass, per mass: m/s²,
+        m²/s²
+    holder_impulse : (B, 2, 3) float
+        of a body on the obstacle that holds it, in the last tick, as of `obstacle_impulse`
     reaction : (B, 2, 3) float
         force, m/s², and torque about the centre of mass, m²/s², of all contacts, per mass
     anchor : (3, N) float
@@ -242,6 +254,7 @@ class State:
         self.match_centre = np.zeros((first_match, 3))
         self.match_posture = np.zeros((first_match, 3, 3))
         self.reaction = np.zeros((len(bodies), 2, 3))
+        self.holding, self.holder_impulse = np.zeros((2, len(bodies), 2, 3))
         self.anchor = np.zeros((3, first))
         self.contact_memory = NO_MEMORY
         self.still_samples = np.zeros(len(bodies), np.int64)
@@ -261,9 +274,12 @@ class State:
         self.regions, self.member = table.regions, table.member
         self.features, self.weighted_features = table.features, table.weighted_features
         self.faces = table.faces
-        pinned = [np.zeros(0, np.int64)]
+        pinned, offset = [np.zeros(0, np.int64)], [np.zeros((3, 0))]
         first_pin = 0
-        for record, body in zip(self.bodies, bodies, strict=True):
+        for index, (record, body) in enumerate(zip(self.bodies, bodies, strict=True)):
+            record['holder'] = -1
+            if body.pins is None:
+                self.holding[index] = self.holder_impulse[index] = 0.0
             record['shape'] = record['matched'] = table.row(body.rest, body.regions)
             record['first_pin'], record['pins'], record['first_goal'] = first_pin, 0, -1
             if body.pins is not None:
@@ -271,11 +287,17 @@ class State:
                     record['matched'] = table.row(body.pins.rest, body.pins.regions)
                 record['pins'] = len(body.pins.particle)
                 pinned.append(record['first'] + body.pins.particle)
+                offset.append(
+                    np.zeros((3, len(body.pins.particle)))
+                    if body.pins.offset is None
+                    else body.pins.offset.T
+                )
                 first_pin += len(body.pins.particle)
             if body.pins is not None or body.regions is not None:
                 record['first_goal'] = columns
                 columns += 2 * record['count']
         self.pinned = np.concatenate(pinned)
+        self.pin_offset = np.ascontiguousarray(np.concatenate(offset, axis=1))
         self.is_pinned = np.zeros(self.x.shape[2], np.bool_)
         self.is_pinned[self.pinned] = True
         self.q = np.zeros((3, columns))
@@ -344,6 +366,8 @@ class State:
         self._put_exchange(index, None, np.zeros(0, np.int64), np.zeros(0))
         self.reaction[index] = self.bodies['total'][index] = 0.0
         self.bodies['flattened'][index] = 0.0
+        self.bodies['holding_total'][index] = 0.0
+        self.holding[index] = self.holder_impulse[index] = 0.0
         self.since[index] = tick
 
     def normal_impulses(self, index: int) -> np.ndarray:
@@ -388,6 +412,9 @@ class State:
             normal_impulse[touched],
             self.obstacle_impulses(index).copy() if touches else None,
             float(self.bodies['flattened'][index, self.bodies['now'][index]]),
+            self.holding[index].copy(),
+            self.bodies['holding_total'][index].copy(),
+            self.holder_impulse[index].copy(),
         )
 
     def restore(self, index: int, saved: BodyState) -> None:
@@ -399,6 +426,8 @@ class State:
         self.still_samples[index] = saved.still_samples
         self.since[index], self.bodies['total'][index] = saved.since, saved.total
         self.bodies['flattened'][index] = saved.flattened
+        self.holding[index], self.holder_impulse[index] = saved.holding, saved.holder_impulse
+        self.bodies['holding_total'][index] = saved.holding_total
         self._put_exchange(index, saved.obstacle_impulse, saved.touched, saved.normal_impulse)
 
 

@@ -19,7 +19,7 @@ from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import FixedPoints, PointObstacles
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.contact import resolution
-from softbody_ros.core.contact.exchange import accept_exchange, add_up
+from softbody_ros.core.contact.exchange import accept_exchange, accept_holding, add_up
 from softbody_ros.core.contact.members import MEMBER
 from softbody_ros.core.contact.rows import MEMORY, NO_MEMORY, POINT_SET, ROW
 from softbody_ros.core.geometry.bvh import Trees
@@ -152,15 +152,19 @@ class Integrator:
             changed then.
 
         """
-        state = self._state
+        state, obstacles = self._state, environment.records
+        held = awake[state.bodies['pins'][awake] > 0]
+        pinned = state.bodies, held, state.pinned, state.pin_offset, obstacles
+        if len(held):
+            pins.follow_obstacles(*pinned, state.x, h)
         self.fly(awake, environment.gravity, h)
         memory = self.resolve_contacts(awake, environment, h)
-        held = awake[state.bodies['pins'][awake] > 0]
         if len(held):
-            pins.hold(state.bodies, held, state.pinned, state.x, state.v, h)
+            pins.hold(*pinned, state.x, state.v, h)
         accept(
-            state.bodies, awake, state.shapes, state.weights, state.x, h, state.reaction,
-            state.normal_impulse, state.obstacle_impulse, state.obstacle_total,
+            state.bodies, awake, state.shapes, state.weights, state.x, state.v, h, obstacles,
+            state.reaction, state.normal_impulse, state.obstacle_impulse, state.holding,
+            state.holder_impulse, state.obstacle_total,
         )  # fmt: skip
         state.contact_memory = memory
 
@@ -276,10 +280,14 @@ def accept(
     shapes: np.ndarray,
     weights: np.ndarray,
     x: np.ndarray,
+    v: np.ndarray,
     h: float,
+    obstacles: np.ndarray,
     reaction: np.ndarray,
     normal_impulse: np.ndarray,
     obstacle_impulse: np.ndarray,
+    holding: np.ndarray,
+    holder_impulse: np.ndarray,
     obstacle_total: np.ndarray,
 ) -> None:
     """
@@ -287,19 +295,29 @@ def accept(
 
     Parameters
     ----------
-    bodies, awake, shapes, weights, x, h
+    bodies, awake, shapes, weights, x, v, h
         see `modal_flight.fly`
-    reaction, normal_impulse, obstacle_impulse, obstacle_total
+    obstacles : (O,) OBSTACLE
+    reaction, normal_impulse, obstacle_impulse, holding, holder_impulse, obstacle_total
         see `State`
 
     """
     for index in range(len(awake)):
-        body = bodies[awake[index]]
+        body, row = bodies[awake[index]], awake[index]
+        shape = shapes[body['shape']]
         body['now'] = 1 - body['now']
         body['is_plastic'] = body['is_plastic'] or body['flowed']
         accept_exchange(
-            body, shapes[body['shape']], weights, x[body['now']], h,
-            obstacle_impulse[awake[index]], normal_impulse, reaction[awake[index]],
+            body, shape, weights, x[body['now']], h, obstacle_impulse[row], normal_impulse,
+            reaction[row],
         )  # fmt: skip
+        if body['pins'] > 0:
+            accept_holding(
+                body, shape, weights, x, v, h, reaction[row], obstacles, holding[row],
+                holder_impulse[row],
+            )  # fmt: skip
     for index in range(len(bodies)):
-        add_up(bodies[index], reaction[index], h, obstacle_impulse[index], obstacle_total)
+        add_up(
+            bodies[index], reaction[index], h, obstacle_impulse[index], holding[index],
+            holder_impulse[index], obstacle_total,
+        )  # fmt: skip

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import poke, sleeping
+from softbody_ros.core import attachments, poke, sleeping
 from softbody_ros.core.collision import obstacles
 from softbody_ros.core.collision.collision_surface import CollisionSurface, CollisionSurfaces
 from softbody_ros.core.collision.obstacles import Obstacle, ObstacleTable
+from softbody_ros.core.collision.point_filter import steadied
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import (
     BodyConfig,
@@ -52,7 +53,7 @@ from softbody_ros.core.prepared_config import (
 )
 from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
 from softbody_ros.core.shape_matching.gains import KAPPA, natural_frequency, put_gains
-from softbody_ros.core.shape_matching.pins import make_pins, pinned_particles
+from softbody_ros.core.shape_matching.pins import Pins, make_pins, pinned_particles
 from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
 from softbody_ros.core.shape_matching.regions import Regions, make_regions
 from softbody_ros.core.shape_matching.rest_shape import (
@@ -70,6 +71,10 @@ START_STATE = (
     'initial_velocity_angular',
 )
 """Settings of a body that take effect on `reset` and `apply_initial_velocity`."""
+
+
+FILTERED = 3.0
+"""Distance from bodies up to which the noise of points is filtered, in their radii."""
 
 
 @dataclass(frozen=True)
@@ -136,12 +141,15 @@ class World:
         self._obstacle_table = ObstacleTable()
         self._bodies = [self._make_body(body) for body in config.bodies]
         self._obstacles = tuple(obstacles.made(item) for item in config.obstacles)
+        self._holders: dict[int, Obstacle | None] = {}
         self._awake: np.ndarray | None = None
         self._environment: Environment
         self._build()
         if len(self._bodies) > 1:
             _ = self._environment.surfaces.arrays  # now, not in the tick of the first contact
         self.reset()
+        for index, body in enumerate(self._bodies):
+            self._check_attachment(index, body.config)
 
     # ------------------------------------------------------------------------------------- time
     @property
@@ -192,8 +200,9 @@ class World:
                 f'tick {self.tick}, reset it or lower the velocities'
             ) from error
         if moved is not self._obstacles:
-            self._set_obstacles(moved)
+            self._set_obstacles(moved, placed=False)
         self._inputs = inputs
+        self._follow_holders(placed=False)
         self.tick += 1
         after = inputs.at(self.tick)
         if after is not inputs:
@@ -238,10 +247,12 @@ class World:
     # --------------------------------------------------------------------------------- sleeping
     def _wake(self, indices: int | np.ndarray | slice) -> None:
         self._state.still_samples[indices] = 0
+        self._body_boxes.forget(indices)
         self._awake = None
 
     def _find_awake(self) -> None:
         self._awake = np.flatnonzero(sleeping.is_awake(self._state))
+        self._body_boxes.forget(self._awake)
 
     def _update_sleep(self) -> None:
         """Sample the displacements of bodies; those that fall asleep get zero velocities."""
@@ -259,17 +270,45 @@ class World:
             environment.records,
             environment.trees,
             environment.points,
-            self._pinned,
+            self._fixed_and_driven(),
             fall,
+            self._body_boxes,
         )
         self._find_awake()
         if len(self._awake) == len(self._bodies):
             return
         self._balance(np.setdiff1d(before, self._awake), gravity)
+        weight = np.stack([gravity, np.zeros(3)])
         for index in np.flatnonzero(~sleeping.is_awake(self._state)).tolist():
             self._state.velocities(index)[:] = 0.0
             if self._bodies[index].pins is None:
-                self._state.reaction[index] = -np.stack([gravity, np.zeros(3)])
+                self._state.reaction[index] = -weight
+            else:
+                self._state.holding[index] = -weight - self._state.reaction[index]
+                self._load_holder(index)
+
+    def _fixed_and_driven(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return which bodies have pins at rest, and which moving ones, (B,) bool."""
+        fixed, driven = np.zeros((2, len(self._bodies)), dtype=bool)
+        for index, body in enumerate(self._bodies):
+            if body.pins is not None:
+                holder = self._holders.get(index)
+                driven[index] = body.pins.moves or (
+                    holder is not None and (holder.moves or holder.before is not None)
+                )
+                fixed[index] = not driven[index]
+        return fixed, driven
+
+    def _load_holder(self, index: int) -> None:
+        """Let a body that falls asleep go on to weigh on the obstacle that holds it."""
+        holder = self._holders.get(index)
+        if holder is not None:
+            body = self._bodies[index]
+            centre = weighted_mean(self._state.positions(index).T, body.rest.weights)
+            force, torque = self._state.holding[index]
+            moment = torque + np.cross(centre - holder.position, force)
+            impulse = -self.config.time_step * body.config.mass * np.stack([force, moment])
+            self._state.holder_impulse[index] = impulse
 
     def _balance(self, indices: np.ndarray, gravity: np.ndarray) -> None:
         """Let bodies that fall asleep weigh on obstacles as they go on to carry their weight."""
@@ -309,7 +348,7 @@ class World:
             self._find_awake()
 
     def _boxes(self) -> sleeping.Boxes:
-        return sleeping.body_boxes(self._state)
+        return self._body_boxes.measured()
 
     def _wake_near(self, changed: Iterable[Obstacle]) -> None:
         """Wake the bodies near obstacles, given at their old and new poses."""
@@ -339,6 +378,7 @@ class World:
         self._state.forget_obstacle_contacts()
         for index in range(len(self._bodies)):
             self._reset_body(index)
+        self._attach(range(len(self._bodies)))
 
     def _reset_body(self, index: int) -> None:
         """Put a body into its initial state."""
@@ -443,16 +483,18 @@ class World:
         self._restore_structure(snapshot)
         self.tick = snapshot.tick
         self.time_jumps += 1
+        self._inputs, self._holders = snapshot.inputs, {}
         self._set_obstacles(
             tuple(
                 _with_config(saved, config)
                 for config, saved in zip(self.config.obstacles, snapshot.obstacles, strict=True)
             )
         )
-        self._inputs = snapshot.inputs
         self._state.restore_obstacles(snapshot.obstacle_totals)
         for index, saved in enumerate(snapshot.states):
             self._state.restore(index, saved)
+        self._body_boxes.forget(slice(None))
+        self._restore_attachments(snapshot)
         self._state.contact_memory = snapshot.contact_memory
         self._awake = None
 
@@ -477,8 +519,16 @@ class World:
         new = dataclasses.replace(self.config, bodies=(*self.config.bodies, config))
         body = self._make_body(config)
         self.config = new
-        self._replace_bodies([*self._bodies, body])
-        self._reset_body(len(self._bodies) - 1)
+        before = self._bodies
+        self._replace_bodies([*before, body])
+        self._reset_body(len(before))
+        try:
+            self._check_attachment(len(before), config)
+        except ConfigError:
+            self.config = dataclasses.replace(self.config, bodies=self.config.bodies[:-1])
+            self._replace_bodies(before)
+            raise
+        self._attach([len(before)])
 
     def remove(self, name: str) -> None:
         """
@@ -524,7 +574,9 @@ class World:
             self._inputs = self._inputs.with_wrench(names[-1], Wrench(still, still, False, 0))
         self._state.contact_memory = without(self._state.contact_memory, names)
 
-    def prepare(self, config: WorldConfig, base: WorldConfig | None = None) -> PreparedConfig:
+    def prepare(
+        self, config: WorldConfig, base: WorldConfig | None = None, lenient: bool = False
+    ) -> PreparedConfig:
         """
         Load what `adopt` needs to use a config; the world stays as it is.
 
@@ -534,6 +586,8 @@ class World:
             those of its bodies and obstacles that are new come last, whatever their order
         base : WorldConfig, optional
             the config that it is to replace, by default the present one
+        lenient : bool
+            see `configure`
 
         Raises
         ------
@@ -571,7 +625,31 @@ class World:
             for item in config.obstacles
             if _structure(item) not in known
         }
-        return PreparedConfig(config, shapes, made, nbytes)
+        prepared = PreparedConfig(config, shapes, made, nbytes)
+        if not lenient:
+            self._check_attachments(prepared)
+        return prepared
+
+    def _check_attachments(self, prepared: PreparedConfig) -> None:
+        """Raise ConfigError if a body could not be attached to what a config says."""
+        here = {obstacle.config.name: obstacle for obstacle in self._obstacles}
+        names = [item.name for item in prepared.config.obstacles]
+        standing = here | dict(prepared.obstacles)
+        names = [name for name in names if name in standing]
+        present = [*(standing[name] for name in names), *self._inputs.obstacles]
+        keys: list[ObstacleKey] = [*names, *self._inputs.dynamic_obstacles]
+        for config in prepared.config.bodies:
+            index = self._index.get(config.name)
+            if not config.attach_to:
+                continue
+            if config.name in prepared.shapes or index is None:
+                shape = prepared.shapes.get(config.name) or self._shape_of(config)
+                x, rest = _start_positions(config, shape[0]).T, shape[0]
+            elif config.attachment != self._bodies[index].config.attachment:
+                x, rest = self._state.positions(index).T, self._bodies[index].rest
+            else:
+                continue
+            attachments.attach(config, rest, x, present, keys)
 
     def adopt(self, prepared: PreparedConfig) -> None:
         """
@@ -588,7 +666,8 @@ class World:
                 prepared.config,
                 bodies=in_order(prepared.config.bodies, self.config.bodies),
                 obstacles=in_order(prepared.config.obstacles, self.config.obstacles),
-            )
+            ),
+            lenient=True,
         )
 
     def _exchange(
@@ -624,8 +703,10 @@ class World:
         self._set_obstacles(tuple(standing))
         if gone or new_bodies:
             self._replace_bodies(bodies)
-        for index in range(len(bodies) - len(new_bodies), len(bodies)):
+        added = range(len(bodies) - len(new_bodies), len(bodies))
+        for index in added:
             self._reset_body(index)
+        self._attach(added)
         self._wake_near(new_obstacles)
 
     def _make_body(self, config: BodyConfig) -> Body:
@@ -660,21 +741,27 @@ class World:
             _shape_key(body.config): (body.rest, body.regions) for body in self._bodies
         }
         self._state = State(self._bodies)
+        self._body_boxes = sleeping.BodyBoxes(self._state)
         self._awake = None
         self._any_wrench = False
         for record, body in zip(self._state.bodies, self._bodies, strict=True):
-            put_gains(record, body.config, self.config.time_step, self.config.reference_step)
+            self._put_gains(record, body)
         self._integrator = Integrator(self._state, self._bodies)
         self._apply_config()
+        self._watch_holders()
         self._set_obstacles(self._obstacles)
+
+    def _put_gains(self, record: np.void, body: Body) -> None:
+        is_attached = body.pins is not None and body.pins.offset is not None
+        put_gains(
+            record, body.config, self.config.time_step, self.config.reference_step,
+            is_attached=is_attached,
+        )  # fmt: skip
 
     def _apply_config(self) -> None:
         """Update what depends on the config and on the rest shapes."""
         self._config_gravity = self.config.gravity
         self._sleep_interval = max(round(sleeping.SAMPLE_INTERVAL / self.config.time_step), 1)
-        fixed = [body.pins is not None and not body.pins.moves for body in self._bodies]
-        driven = [body.pins is not None and body.pins.moves for body in self._bodies]
-        self._pinned = np.array(fixed, dtype=bool), np.array(driven, dtype=bool)
         # only surfaces in use are kept; their keys are unique while the shapes exist
         table = zip(self._state.rests, self._state.regions_of, strict=True)
         before, self._surfaces = self._surfaces, {}
@@ -733,12 +820,113 @@ class World:
         if others:
             self._replace_bodies(chosen)
 
-    def _set_obstacles(self, present: tuple[Obstacle, ...]) -> None:
+    def _set_obstacles(self, present: tuple[Obstacle, ...], placed: bool = True) -> None:
         self._obstacles = present
         self._obstacles_move = any(
             obstacle.moves or obstacle.before is not None for obstacle in present
         )
         self._state.use_obstacles(self.obstacle_keys, self.tick)
+        self._follow_holders(placed)
+
+    # ------------------------------------------------------------------------------ attachments
+    def _check_attachment(self, index: int, config: BodyConfig) -> None:
+        """Raise ConfigError if a body cannot be attached to what a config says."""
+        if config.attach_to:
+            self._attached(index, config)
+
+    def _attached(self, index: int, config: BodyConfig) -> Pins:
+        x = self._state.positions(index).T
+        return attachments.attach(
+            config, self._bodies[index].rest, x, self.obstacles, self.obstacle_keys
+        )
+
+    def _pins_by(self, index: int, config: BodyConfig) -> Pins | None:
+        """Return the pins of a body for a config; none if nothing is in reach of its obstacle."""
+        if not config.attach_to:
+            return make_pins(config, self._bodies[index].rest, self._bodies[index].pins)
+        with suppress(ConfigError):
+            return self._attached(index, config)
+        return None
+
+    def _attach(self, indices: Iterable[int]) -> None:
+        """Let obstacles take hold of bodies where they are now."""
+        changed = False
+        for index in indices:
+            body = self._bodies[index]
+            if body.config.attach_to:
+                body.pins, changed = self._pins_by(index, body.config), True
+        if changed:
+            self._use_pins()
+
+    def _restore_attachments(self, snapshot: Snapshot) -> None:
+        """Let obstacles hold what they held, of bodies that are attached as they were then."""
+        changed = False
+        for index, (body, saved) in enumerate(zip(self._bodies, snapshot.bodies, strict=True)):
+            before, pins = body.pins, body.pins
+            if body.config.attachment != saved.config.attachment:
+                pins = self._pins_by(index, body.config)
+            elif body.config.attach_to:
+                pins = saved.pins
+            body.pins = pins
+            changed |= pins is not before
+        if changed:
+            self._use_pins()
+        else:
+            self._watch_holders()
+
+    def _use_pins(self) -> None:
+        """Update what depends on the pins of bodies."""
+        for record, body in zip(self._state.bodies, self._bodies, strict=True):
+            self._put_gains(record, body)
+        self._state.use_shapes(self._bodies)
+        self._apply_config()
+        self._integrator.update()
+        self._watch_holders()
+
+    def _watch_holders(self) -> None:
+        """Look anew for the obstacles that hold bodies."""
+        self._holders = {
+            index: None
+            for index, body in enumerate(self._bodies)
+            if body.pins is not None and body.pins.offset is not None
+        }
+        self._follow_holders(placed=False)
+
+    def _follow_holders(self, placed: bool) -> None:
+        """
+        Wake bodies whose obstacle has moved, and let those go whose obstacle is there no more.
+
+        Parameters
+        ----------
+        placed : bool
+            whether the obstacles have been placed elsewhere, and did not move there in a tick
+
+        """
+        if not self._holders:
+            return
+        keys, present, lost = self.obstacle_keys, self.obstacles, False
+        for index, before in self._holders.items():
+            pins = self._bodies[index].pins
+            if pins is None or pins.holder not in keys:
+                self._bodies[index].pins, lost = None, True
+                continue
+            row = keys.index(pins.holder)
+            self._state.bodies['holder'][index] = row
+            self._holders[index] = obstacle = present[row]
+            if before is not None and before is not obstacle:
+                self._wake(index)
+                if placed:
+                    self._carry(index, pins, before, obstacle)
+        if lost:
+            self._use_pins()
+
+    def _carry(self, index: int, pins: Pins, before: Obstacle, after: Obstacle) -> None:
+        """Place a body with the obstacle that holds it, if that has not just moved."""
+        body, distance = self._bodies[index], attachments.displacement(pins, before, after)
+        least = 0.0 if body.config.mode == 'rigid' else attachments.FAR * body.rest.scale
+        if distance > least:
+            x, v = self._state.positions(index), self._state.velocities(index)
+            x[:], v[:] = attachments.carried(x, v, before, after)
 
     # -------------------------------------------------------------------------- external inputs
     def change_obstacles(
@@ -760,7 +948,9 @@ class World:
         h = self.config.time_step
         self._set_inputs(self._inputs.changed(changes, self.tick, longest_gap, h))
 
-    def set_points(self, points: PointObstacles, self_filter: float = 0.0) -> None:
+    def set_points(
+        self, points: PointObstacles, self_filter: float = 0.0, noise: float = 0.0
+    ) -> None:
         """
         Replace the point obstacles; wake bodies near points that have changed.
 
@@ -770,13 +960,20 @@ class World:
         self_filter : float
             points up to this distance from the present surface of a body are left out, m: a camera
             sees the bodies, too
+        noise : float
+            standard deviation of the points along each axis, m: what merely trembles stays where
+            it is, see `point_filter`; 0 takes them as they are
 
         """
         boxes = self._boxes()
         if self_filter > 0.0:
             own = self._near_surfaces(points.points, self_filter, boxes)
             points = PointObstacles(points.points[~own], points.radius, int(own.sum()))
-        before, self._inputs = self._inputs.points, self._inputs.with_points(points)
+        before = self._inputs.points
+        if noise > 0.0:
+            reach = FILTERED * points.radius
+            points = steadied(points, before, noise, boxes[0] - reach, boxes[1] + reach)
+        self._inputs = self._inputs.with_points(points)
         for index, (low, high) in enumerate(zip(*boxes, strict=True)):
             if not np.array_equal(points.within(low, high), before.within(low, high)):
                 self._wake(index)
@@ -895,23 +1092,31 @@ class World:
             self._wake(slice(None))
         self._wake_near(inputs.obstacles_changed_since(before))
         self._state.use_obstacles(self.obstacle_keys, self.tick)
+        self._follow_holders(placed=True)
 
     # ----------------------------------------------------------------------------------- config
-    def configure(self, config: WorldConfig) -> None:
+    def configure(self, config: WorldConfig, lenient: bool = False) -> None:
         """
         Use other parameters from the next tick on; positions and velocities stay.
 
         An obstacle is moved if its pose in the config changes; start poses and initial velocities
         of bodies take effect on `reset` and `apply_initial_velocity`.
 
+        Parameters
+        ----------
+        config : WorldConfig
+        lenient : bool
+            whether an attachment that finds nothing in its reach is left out, as at `reset`, and
+            not refused
+
         Raises
         ------
         ConfigError
-            if a read-only setting differs, or a pinned vertex does not exist; nothing has changed
-            then.
+            if a read-only setting differs, a pinned vertex does not exist, or a body cannot be
+            attached; nothing has changed then.
 
         """
-        self.check(config)
+        self.check(config, lenient)
         gravity, old, self.config = self.gravity, self.config, config
         self._config_gravity = config.gravity
         if (gravity != self.gravity).any():
@@ -924,8 +1129,7 @@ class World:
             if body.config != config.bodies[index]:
                 repinned |= self._reconfigure_body(index, config.bodies[index])
         if repinned:
-            self._state.use_shapes(self._bodies)
-            self._apply_config()
+            self._use_pins()
         self._integrator.update()
 
     def _reconfigure_obstacle(self, index: int, config: ObstacleConfig) -> None:
@@ -937,18 +1141,17 @@ class World:
     def _reconfigure_body(self, index: int, config: BodyConfig) -> bool:
         """Use another config for a body; return whether its pins have changed."""
         body, old = self._bodies[index], self._bodies[index].config
+        before = body.pins
+        if not (config.attach_to and config.attachment == old.attachment):
+            body.pins = self._pins_by(index, config)
         body.config = config
-        record = self._state.bodies[index]
-        put_gains(record, config, self.config.time_step, self.config.reference_step)
-        before, body.pins = body.pins, make_pins(config, body.rest, body.pins)
+        self._put_gains(self._state.bodies[index], body)
         start = {field: getattr(config, field) for field in START_STATE}
         if dataclasses.replace(old, **start) != config:
             self._wake(index)
         same = before is body.pins or (
             before is not None and body.pins is not None and before.rest is body.pins.rest
         )
-        moves = [pins is not None and pins.moves for pins in (before, body.pins)]
-        same = same and moves[0] == moves[1]
         return not same or (old.mode == 'rigid') != (config.mode == 'rigid')
 
     def move_obstacle(
@@ -1008,12 +1211,14 @@ class World:
         bodies[index] = dataclasses.replace(bodies[index], **values)
         self.configure(dataclasses.replace(self.config, bodies=tuple(bodies)))
 
-    def check(self, config: WorldConfig) -> None:
+    def check(self, config: WorldConfig, lenient: bool = False) -> None:
         """Raise ConfigError if `configure` cannot use a config."""
         _require_same_structure(self.config, config)
-        for body, new in zip(self._bodies, config.bodies, strict=True):
+        for index, (body, new) in enumerate(zip(self._bodies, config.bodies, strict=True)):
             if new is not body.config:
                 pinned_particles(new, body.rest)
+                if new.attachment != body.config.attachment and not lenient:
+                    self._check_attachment(index, new)
 
     def adapted(self, config: WorldConfig) -> WorldConfig:
         """
@@ -1056,6 +1261,8 @@ class World:
         total = np.zeros((2, 3))
         for index in range(len(self._bodies)):
             total += self._state.obstacle_impulses(index)[row]
+            if self._state.bodies['holder'][index] == row:
+                total += self._state.holder_impulse[index]
         force, torque = total / self.config.time_step
         return force, torque
 
@@ -1068,6 +1275,24 @@ class World:
         """Return the integral over time of `obstacle_wrench`, see `contact_forces`."""
         row = self._obstacle_row(name)
         return self._impulse(self._state.obstacle_total[row], self._state.obstacle_since[row])
+
+    def pin_wrench(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the total force (3,), N, and torque (3,), N m, by which pins hold a body.
+
+        Pins, or the obstacle that it is attached to. It is given like `contact_wrench`, of which
+        it is no part: the change of the body's momentum in the last tick less all else that has
+        acted on it.
+        """
+        index = self._index_of(name)
+        force, torque = self._bodies[index].config.mass * self._state.holding[index]
+        return force, torque
+
+    def pin_impulse(self, name: str) -> ContactImpulse:
+        """Return the integral over time of `pin_wrench`."""
+        index = self._index_of(name)
+        total = self._state.bodies['holding_total'][index]
+        return self._impulse(total, self._state.since[index])
 
     def _impulse(self, total: np.ndarray, since: int) -> ContactImpulse:
         impulse, angular_impulse = total.copy()

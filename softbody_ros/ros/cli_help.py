@@ -39,6 +39,7 @@ topics that it publishes (~ is {node}):
   ~/obstacle_markers  MarkerArray      latched: what is in the way
   ~/odometry          Odometry         pose and twist of each body
   ~/contacts          WrenchStamped    what bodies feel; of one body: ~/contacts/ball
+  ~/pins              WrenchStamped    what pins carry; of one body: ~/pins/ball
   ~/obstacle_contacts WrenchStamped    what obstacles feel; of one: ~/obstacle_contacts/ground
   /diagnostics        DiagnosticArray  once a second: speed, frequencies, state
 topics that act on it: ~/obstacles, ~/obstacle_points, ~/wrench, ~/poke, ~/gravity
@@ -51,12 +52,13 @@ parameters, most of which change while it runs ('ball' and 'ground' are names):
   ball.mode            rigid, linear or quadratic; .stiffness, .bounciness, .deformation,
                        .volume_conservation, .damping, .mass: how it deforms
   ball.elasticity      how it bounces; .friction, .friction_model, .thickness: how it touches
-  ball.regions         local bending; .plasticity: dents that stay; .pins: held vertices
+  ball.regions         local bending; .plasticity: dents that stay; .pins: held vertices;
+                       .attach: vertices that move with an obstacle
   ground.type          and .mesh, .size, .position, .orientation, .velocity of an obstacle;
                        .surface_velocity, .friction, .elasticity: of its surface
   gravity              .magnitude and .direction
   time_scale           slow motion; time_step, reference_step, step_count, history: time
-  points_rate          and mesh_rate: how often it publishes; frame_id: in which frame
+  points_rate          and mesh_rate: how often it publishes; frame_id, publish_tf: frames
   input_timeout        and poke, obstacle_points: what others send
 Each with range and unit: ros2 param describe {node} ball.stiffness, or the README."""
 

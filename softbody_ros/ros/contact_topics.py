@@ -23,12 +23,13 @@ class ContactTopics:
     """
     Publishes the wrenches of contacts, of those that somebody listens to.
 
-    `~/contacts/<body>` is about the centre of mass, in the axes of the world;
-    `~/obstacle_contacts/<obstacle>` about the origin of the obstacle, in its axes, as a sensor
-    between a hand and its finger measures it. `~/contacts` and `~/obstacle_contacts` have all,
-    the latter also markers and points of others. Each output has one message, the mean since the
-    one before; none without contact, but one of zeros when it has ended. The first one to a new
-    listener is of the last tick.
+    `~/contacts/<body>` is about the centre of mass, in the axes of the world; so is
+    `~/pins/<body>`, by which pins, or an obstacle that it is attached to, hold a body;
+    `~/obstacle_contacts/<obstacle>` is about the origin of the obstacle, in its axes, as a sensor
+    between a hand and its finger measures it. `~/contacts`, `~/pins` and `~/obstacle_contacts`
+    have all, the last one also markers and points of others. Each output has one message, the mean
+    since the one before; none without force, but one of zeros when it has ended. The first one to
+    a new listener is of the last tick.
 
     Parameters
     ----------
@@ -39,11 +40,13 @@ class ContactTopics:
 
     def __init__(self, world: World, publishers: Publishers) -> None:
         self._world, self._publishers, self._means = world, publishers, MeanWrenches(world)
-        # no name is that of a body and of an obstacle
-        self._was_in_contact: dict[ObstacleKey, bool] = {}
+        # no name is that of a body and of an obstacle; of pins: with their topic
+        self._was_in_contact: dict[ObstacleKey | tuple[str, str], bool] = {}
         self._body: dict[str, Publisher] = {}
+        self._pin: dict[str, Publisher] = {}
         self._obstacle: dict[str, Publisher] = {}
         self._bodies = publishers.for_each(WrenchStamped, '~/contacts', len(world.names))
+        self._pins = publishers.for_each(WrenchStamped, '~/pins', len(world.names))
         self._obstacles = publishers.for_each(
             WrenchStamped, '~/obstacle_contacts', len(world.config.obstacles)
         )
@@ -54,7 +57,9 @@ class ContactTopics:
         names = self._world.names
         if len(names) != len(self._body) or any(name not in self._body for name in names):
             self._bodies = self._publishers.deepened(self._bodies, len(names))
+            self._pins = self._publishers.deepened(self._pins, len(names))
             self._renew(self._body, '~/contacts', names)
+            self._renew(self._pin, '~/pins', names)
         obstacles = self._world.config.obstacles
         if len(obstacles) != len(self._obstacle) or any(
             obstacle.name not in self._obstacle for obstacle in obstacles
@@ -68,6 +73,7 @@ class ContactTopics:
         for name in own.keys() - set(names):
             self._publishers.destroy(own.pop(name))
             self._was_in_contact.pop(name, None)
+            self._was_in_contact.pop(('pins', name), None)
             self._means.forget(name)
         for name in names:
             if name not in own:
@@ -76,10 +82,15 @@ class ContactTopics:
     def publish(self, stamp: int, frame_id: str) -> None:
         """Publish what is listened to; `frame_id` is that of the world, `stamp` in ns."""
         self.update()
-        world, means, every = self._world, self._means, _heard(self._bodies)
+        world, means = self._world, self._means
+        every, every_pin = _heard(self._bodies), _heard(self._pins)
         for name in world.names:
             listeners = every + _heard(self._body[name])
-            wrench = self._due(name, listeners, means.contact_wrench, world.contact_wrench)
+            wrench = self._due(name, name, listeners, means.contact_wrench, world.contact_wrench)
+            _send(listeners, stamp, frame_id, IDENTITY, wrench)
+            listeners = every_pin + _heard(self._pin[name])
+            pins = 'pins', name
+            wrench = self._due(pins, name, listeners, means.pin_wrench, world.pin_wrench)
             _send(listeners, stamp, frame_id, IDENTITY, wrench)
         every = _heard(self._obstacles)
         for key, obstacle in zip(world.obstacle_keys, (*world.obstacles, None), strict=True):
@@ -89,12 +100,13 @@ class ContactTopics:
                 frame = f'{key[0]}/{key[1]}'
             rotation = IDENTITY if obstacle is None else obstacle.rotation
             listeners = every + (_heard(self._obstacle[key]) if key in self._obstacle else [])
-            wrench = self._due(key, listeners, means.obstacle_wrench, world.obstacle_wrench)
+            wrench = self._due(key, key, listeners, means.obstacle_wrench, world.obstacle_wrench)
             _send(listeners, stamp, frame, rotation, wrench)
 
     def _due(
         self,
-        key: ObstacleKey,
+        key: ObstacleKey | tuple[str, str],
+        name: ObstacleKey,
         listeners: list[Publisher],
         mean: Callable[[Any], ContactWrench],
         last: Callable[[Any], ContactWrench],
@@ -103,8 +115,8 @@ class ContactTopics:
         if not listeners:
             self._was_in_contact.pop(key, None)
             return None
-        since_last = mean(key)
-        force, torque = since_last if key in self._was_in_contact else last(key)
+        since_last = mean(name)
+        force, torque = since_last if key in self._was_in_contact else last(name)
         was_in_contact = self._was_in_contact.get(key, False)
         self._was_in_contact[key] = bool(force.any() or torque.any())
         return (force, torque) if was_in_contact or self._was_in_contact[key] else None

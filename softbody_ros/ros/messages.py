@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import TransformStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -265,6 +265,17 @@ def odometry(stamp: int, frame_id: str, body: str, fit: RigidFit) -> Odometry:
     _fill(message.pose.pose.orientation, 'xyzw', quaternion)
     _fill(message.twist.twist.linear, 'xyz', fit.linear_velocity @ fit.rotation)
     _fill(message.twist.twist.angular, 'xyz', fit.angular_velocity @ fit.rotation)
+    return message
+
+
+def transform(stamp: int, frame_id: str, body: str, fit: RigidFit) -> TransformStamped:
+    """Return the pose of a body as that of a frame of its name."""
+    message = TransformStamped(child_frame_id=body)
+    message.header.stamp = time_message(stamp)
+    message.header.frame_id = frame_id
+    quaternion = Rotation.from_matrix(fit.rotation).as_quat()
+    _fill(message.transform.translation, 'xyz', fit.position)
+    _fill(message.transform.rotation, 'xyzw', quaternion)
     return message
 
 

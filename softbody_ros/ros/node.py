@@ -34,6 +34,7 @@ from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError,
 from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
 from softbody_ros.core.warm_up import compile_ahead
 from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
+from softbody_ros.ros.body_frames import BodyFrames
 from softbody_ros.ros.contact_topics import ContactTopics
 from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
 from softbody_ros.ros.publishers import Publishers
@@ -110,6 +111,7 @@ class SimNode(Node):
         self._mesh = self._outputs.for_each(Marker, '~/mesh', count)
         self._odometry = self._outputs.for_each(Odometry, '~/odometry', count)
         self._contacts = ContactTopics(self._world, self._outputs)
+        self._frames = BodyFrames(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
         self._described: tuple[str, ...] = ()
@@ -295,6 +297,8 @@ class SimNode(Node):
         if 'points' in outputs and self._odometry.get_subscription_count():
             for name in self._world.names:
                 self._odometry.publish(messages.odometry(stamp, self._frame_id, name, fit(name)))
+        if 'points' in outputs and self._scene.node.publish_tf:
+            self._frames.publish(stamp, self._frame_id, self._world.names, fit)
         if 'points' in outputs:
             self._contacts.publish(stamp, self._frame_id)
         if 'mesh' in outputs and self._mesh.get_subscription_count():

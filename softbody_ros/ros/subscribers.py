@@ -165,6 +165,7 @@ class InputTopics:
             BYTES_PER_ACTION + points.points.nbytes,
             points=points,
             self_filter=settings.self_filter,
+            noise=settings.obstacle_points_noise,
         )
         if len(points) == seen:
             return ''

@@ -50,7 +50,7 @@ class NodeConfig(Checked):
         'world', 'frame of everything that is published and received', read_only=True
     )
     points_rate: float = setting(
-        60.0, '~/points and ~/odometry, in clock time; 0 is off', unit='Hz', minimum=0.0,
+        60.0, '~/points, ~/odometry and TF, in clock time; 0 is off', unit='Hz', minimum=0.0,
         maximum=1e4,
     )  # fmt: skip
     mesh_rate: float = setting(
@@ -63,6 +63,10 @@ class NodeConfig(Checked):
     history_memory: float = setting(
         128.0, 'for going back in time with /clock; 0 simulates again from the start', unit='MiB',
         minimum=0.0, maximum=1e6, group='history',
+    )  # fmt: skip
+    publish_tf: bool = setting(
+        True, 'whether the pose of each body is broadcast as a frame of its name, at points_rate; '
+        'needs tf2_ros',
     )  # fmt: skip
     step_count: int = setting(1, 'ticks per call of ~/step', minimum=1, maximum=1_000_000)
 
@@ -78,6 +82,11 @@ class NodeConfig(Checked):
         -1.0, 'distance from the surface of a body up to which points are ignored, as those of a '
         'camera that sees it: less than the radius; 0 is off, negative: half of the radius',
         unit='m', minimum=-1.0, maximum=1e3, group='obstacle_points',
+    )  # fmt: skip
+    obstacle_points_noise: float = setting(
+        0.002, 'of points of a camera, a standard deviation: what merely trembles by it stays '
+        'where it is; 0 takes them as they are', unit='m', minimum=0.0, maximum=1e3,
+        group='obstacle_points',
     )  # fmt: skip
     poke_radius: float = setting(
         0.15, 'of the spot that ~/poke pokes', unit='m', minimum=1e-4, maximum=1e3, group='poke'
@@ -361,7 +370,7 @@ def normal(value: Any, facts: Setting) -> Any:
 
 def type_name(facts: Setting) -> str:
     """Return the name of the type in ROS tools."""
-    names = {int: 'integer', float: 'double', str: 'string'}
+    names = {bool: 'bool', int: 'integer', float: 'double', str: 'string'}
     if isinstance(facts.default, tuple):
         return names[facts.items or float] + ' array'
     return names[type(facts.default)]
@@ -384,6 +393,8 @@ def _default_text(default: Any) -> str:
         return '[' + ', '.join(_default_text(item) for item in default) + ']'
     if isinstance(default, float) and 0.0 < default < 0.01:
         return f'1/{1 / default:g}'
+    if isinstance(default, bool):
+        return str(default).lower()
     return f'{default:g}' if isinstance(default, float) else str(default)
 
 

@@ -141,6 +141,6 @@ class History:
             self._action_bytes -= self._actions.pop().nbytes
         # first, for bodies added or removed since: the config has those of the snapshot
         world.restore(checkpoint.snapshot)
-        world.configure(checkpoint.config)
+        world.configure(checkpoint.config, lenient=True)
         world.restore(checkpoint.snapshot)  # another config wakes bodies
         return deque(logged for logged in self._actions if logged.tick >= checkpoint.tick)

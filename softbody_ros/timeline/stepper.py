@@ -205,7 +205,8 @@ class Stepper:
             bodies=tuple(item for item in self._config.bodies if item.name not in renewable),
             obstacles=tuple(item for item in self._config.obstacles if item.name not in renewable),
         )
-        return self.world.prepare(config, base)
+        # where what is in reach of an attachment will be then, is not known
+        return self.world.prepare(config, base, lenient=self.replaying)
 
     def adopt(self, prepared: PreparedConfig) -> None:
         """Use a config from the current tick on, see `prepare`."""
@@ -301,7 +302,7 @@ class Stepper:
             _repeat(action, self.world)
         self._replay, self._replay_end, self._deferred = deque(), 0, []
         self._steps_left = 0
-        self.world.configure(self.world.adapted(self._config))
+        self.world.configure(self.world.adapted(self._config), lenient=True)
         self.world.reset()
         self._config = self.world.config
         self.history.begin(self.world)
@@ -363,7 +364,7 @@ class Stepper:
         if self.world.config != adapted:
             # what was not there when it was checked may have another mesh than was thought
             with suppress(ConfigError):
-                self.act(Adoption(self.world.prepare(adapted)))
+                self.act(Adoption(self.world.prepare(adapted, lenient=True)))
         self._config = self.world.config
 
     # ------------------------------------------------------------------------------------ advance

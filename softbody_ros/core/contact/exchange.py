@@ -14,6 +14,9 @@ A solver of contacts adds to three results for each contact that it resolves:
 Both are double-buffered as positions are: the half `1 - now` of the body is written, and zero
 before. A body on which any contact has acted is marked by `touches` of that half. What a body
 asleep exerts stays as it is: so it goes on to weigh on what it lies on.
+
+Pins are no contacts: they prescribe motion. Their wrench is what its momentum says that it must
+have been, see `accept_holding`.
 """
 
 from __future__ import annotations
@@ -100,6 +103,99 @@ def accept_exchange(
 
 
 @helper
+def accept_holding(
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    h: float,
+    reaction: np.ndarray,
+    obstacles: np.ndarray,
+    holding: np.ndarray,
+    holder_impulse: np.ndarray,
+) -> None:
+    """
+    Write the wrench by which pins hold a body in its tick, and what it does to their obstacle.
+
+    It is what gravity, the wrench on the body and contacts lack of the changes of its momentum and
+    of its angular momentum about its centre of mass.
+
+    Parameters
+    ----------
+    body, shape : BODY, SHAPE
+        `now` of the body is the half of this tick
+    weights, x, v : (M,), (2, 3, N), (2, 3, N) float
+        m, m/s
+    h : float
+        s
+    reaction : (2, 3) float
+        of contacts, about the centre of mass, per mass: m/s², m²/s²
+    obstacles : (O,) OBSTACLE
+    holding : (2, 3) float
+        likewise
+    holder_impulse : (2, 3) float
+        N s, and N m s about the origin of the obstacle; 0 without one
+
+    """
+    now = body['now']
+    centre, velocity, spin = momentum_of(body, shape, weights, x[now], v[now])
+    _, velocity_before, spin_before = momentum_of(body, shape, weights, x[1 - now], v[1 - now])
+    force = scaled(1.0 / h, minus(velocity, velocity_before))
+    torque = scaled(1.0 / h, minus(spin, spin_before))
+    put_vector(
+        holding[0],
+        minus(force, plus(vector_of(body['applied'][0]), vector_of(reaction[0]))),
+    )
+    put_vector(
+        holding[1],
+        minus(torque, plus(vector_of(body['applied'][1]), vector_of(reaction[1]))),
+    )
+    load_holder(body, centre, h, obstacles, holding, holder_impulse)
+
+
+@helper
+def load_holder(
+    body: np.void,
+    centre: Vector,
+    h: float,
+    obstacles: np.ndarray,
+    holding: np.ndarray,
+    holder_impulse: np.ndarray,
+) -> None:
+    """Write the impulse of a body with that centre, m, on the obstacle that holds it."""
+    put_vector(holder_impulse[0], ZERO)
+    put_vector(holder_impulse[1], ZERO)
+    if body['holder'] >= 0:
+        origin = vector_of(obstacles[body['holder']]['position'])
+        add_wrench_about(
+            holder_impulse, origin, -h * body['mass'], centre, vector_of(holding[0]),
+            vector_of(holding[1]),
+        )  # fmt: skip
+
+
+@helper
+def momentum_of(
+    body: np.void, shape: np.void, weights: np.ndarray, x: np.ndarray, v: np.ndarray
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Return the centre of mass of a body, m, its velocity, and the angular momentum about it.
+
+    Per mass: m/s, m²/s.
+    """
+    first, last = body['first'], body['first'] + body['count']
+    centre = centre_of_mass(body, shape, weights, x)
+    momentum, spin = no_vectors(), no_vectors()
+    for i in range(first, last, LANES):
+        left = last - i
+        weight = weights_at(weights, shape['first'] + i - first, left)
+        share = scaled(weight, vectors_at(v, i, left))
+        momentum = plus(momentum, share)
+        spin = plus(spin, cross(minus(vectors_at(x, i, left), centre), share))
+    return centre, totals(momentum), totals(spin)
+
+
+@helper
 def centre_of_mass(body: np.void, shape: np.void, weights: np.ndarray, x: np.ndarray) -> Vector:
     """Return the centre of mass of a body in x (3, N), m."""
     total, last = no_vectors(), body['first'] + body['count']
@@ -115,6 +211,8 @@ def add_up(
     reaction: np.ndarray,
     h: float,
     own: np.ndarray,
+    holding: np.ndarray,
+    holder_impulse: np.ndarray,
     obstacle_total: np.ndarray,
 ) -> None:
     """
@@ -123,13 +221,15 @@ def add_up(
     Parameters
     ----------
     body : BODY
-        `total` is changed
+        `total` and `holding_total` are changed
     reaction : (2, 3) float
         force, m/s², and torque, m²/s², per mass
     h : float
         s
     own : (2, O, 2, 3) float
         row of `obstacle_impulse`
+    holding, holder_impulse : (2, 3), (2, 3) float
+        see `accept_holding`
     obstacle_total : (O, 2, 3) float
         changed, N s, N m s
 
@@ -144,6 +244,12 @@ def add_up(
             for row in range(2):
                 for axis in range(3):
                     obstacle_total[number, row, axis] += own[now, number, row, axis]
+    if body['pins'] > 0:
+        for row in range(2):
+            for axis in range(3):
+                body['holding_total'][row, axis] += seconds * holding[row, axis]
+                if body['holder'] >= 0:
+                    obstacle_total[body['holder'], row, axis] += holder_impulse[row, axis]
 
 
 def balanced(

@@ -127,6 +127,7 @@ def put_gains(
     step: float,
     reference_step: float,
     kappa: float = KAPPA,
+    is_attached: bool = False,
 ) -> None:
     """
     Write the gains of a body for one tick into its BODY record.
@@ -142,15 +143,17 @@ def put_gains(
         h and h₀, s
     kappa : float
         κ of bodies without regions and pins
+    is_attached : bool
+        whether an obstacle holds it, as pins do
 
     """
     reference_steps = step / reference_step
     friction = body.friction
     if body.friction_model == 'viscous':
         friction = 1.0 - (1.0 - friction) ** reference_steps
-    is_rigid, has_pins = body.mode == 'rigid', bool(body.pins_indices) or any(body.pins_box)
+    is_rigid, is_held = body.mode == 'rigid', body.has_pins or is_attached
     record['mode'] = MODES.index(body.mode)
-    record['follows_goals'] = not is_rigid and (has_pins or body.regions_count > 0)
+    record['follows_goals'] = not is_rigid and (is_held or body.regions_count > 0)
     record['kept_velocity'] = (1.0 - body.damping) ** reference_steps
     record['yield_strain'] = body.plasticity_yield
     record['creep'] = -math.expm1(-body.plasticity_creep * step)
@@ -161,6 +164,8 @@ def put_gains(
     record['thickness'], record['mass'] = body.thickness, body.mass
     record['pins_linear'] = body.pins_velocity_linear
     record['pins_angular'] = body.pins_velocity_angular
+    record['pins_shift'] = step * np.array(body.pins_velocity_linear)
+    record['pins_acceleration'] = 0.0
     record['responses'], record['stiffnesses'], record['volume_share'] = 0.0, 0.0, 0.0
     record['relaxation'] = record['look_ahead'] = 0.0
     record['lasting'] = 1.0

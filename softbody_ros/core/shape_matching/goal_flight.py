@@ -28,8 +28,8 @@ Pins. In the match, and only there, pinned particles have many times the weight 
 `pins`), so the goals are where the pins hold them. The centre is then that of the pins, and moves
 as prescribed, and so does the body but for a rotation about it, if there is one pin, or about
 their axis, if they lie on a line: Ω' restores the angular momentum about these only. Gravity is
-part of b, less the angular acceleration that it causes: so a body that hangs is in rest exactly
-where r − g = b / ω².
+part of b, less the acceleration of the pins and the angular one that it causes: so a body that
+hangs is in rest exactly where r − g = b / ω².
 
 The result is linear in r, v, g and u_g, which take the place of the features in `map`.
 """
@@ -522,6 +522,10 @@ def advance(
     force, torque = ZERO, ZERO
     if body['has_wrench']:
         force, torque = wrench_in(body, posture)
+    put_vector(body['applied'][0], plus(gravity, force))
+    put_vector(body['applied'][1], torque)
+    # in the frame of the pins
+    gravity = minus(gravity, vector_of(body['pins_acceleration']))
     field = acceleration_field(body, motion, plus(gravity, force), torque, scale)
     a, b, c, d, given, given_v, left = blended_response(body, RESIDUAL)
     # p = P₀ + P r + Q u + T g + W u_g, and the same of s, with u = v − V
@@ -565,10 +569,13 @@ def advance(
     carry = rotation_by(scaled(h, motion.carried))
     turn = product(carry, turn)
     rate = plus(applied_transposed(turn, motion.carried), rate)
-    centre, velocity = along(motion.pivot, h, motion.velocity), motion.velocity
-    if body['pins'] == 0:
+    if body['pins'] > 0:
+        centre = plus(motion.pivot, vector_of(body['pins_shift']))
+        velocity = along(motion.velocity, h, vector_of(body['pins_acceleration']))
+    else:
+        centre = along(motion.pivot, h, motion.velocity)
         centre = along(centre, 0.5 * h * h, acceleration)
-        velocity = along(velocity, h, acceleration)
+        velocity = along(motion.velocity, h, acceleration)
 
     put_motion(body, centre, velocity, applied(turn, spin), turned(turn, after))
     put_turned(body, turn, motion.inverse, pp, internal, rate)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Pins: particles with prescribed positions, fixed or moving with a velocity.
+Pins: particles with prescribed positions, fixed, moving with a velocity or with an obstacle.
 
 Constraining the few pinned particles alone would not hold the body, which is much heavier. So in
 the match, and only there, the pins have many times the weight of the body, in its centre, its
@@ -10,12 +10,16 @@ particles are pulled to that goal with their own masses, as to any other, so the
 conservative, and the body is suspended with its own weight. (Large weights in the centre of mass
 alone, a common error, rotate and stretch the shape about a wrong point.)
 
+Pins that are attached to an obstacle keep their offsets in its frame: they are put there at the
+start of a tick too, so they follow an obstacle that is placed elsewhere, and do not drift.
+
 What a body is free to do as a whole is to turn about its only pin, or about the line of its pins,
 see `allowed_axes`; otherwise it moves as these.
 """
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 import dataclasses
 from dataclasses import dataclass
 
@@ -34,12 +38,14 @@ from softbody_ros.core.geometry.vectors import (
     column_of,
     combined,
     cross,
+    matrix_of,
     minus,
     norm,
     outer,
     plus,
     product,
     put_column,
+    put_vector,
     scaled,
     times,
     vector_of,
@@ -75,6 +81,11 @@ class Pins:
         that of the body, with the weights of the match
     regions : Regions or None
         those of the body, with these weights
+    offset : (m, 3) float or None
+        where they are in the frame of an obstacle that they are attached to, m; then it moves
+        them, and the velocities are 0
+    holder : hashable
+        the key of that obstacle, see `World.obstacle_keys`
 
     """
 
@@ -83,6 +94,8 @@ class Pins:
     angular: np.ndarray
     rest: RestShape
     regions: Regions | None
+    offset: np.ndarray | None = None
+    holder: Hashable = None
 
     @property
     def moves(self) -> bool:
@@ -111,8 +124,20 @@ def make_pins(body: BodyConfig, rest: RestShape, before: Pins | None = None) -> 
     if not len(particle):
         return None
     linear, angular = np.array(body.pins_velocity_linear), np.array(body.pins_velocity_angular)
-    if before is not None and np.array_equal(before.particle, particle):
-        return dataclasses.replace(before, linear=linear, angular=angular)
+    if before is None or not np.array_equal(before.particle, particle):
+        before = _holding(particle, body, rest)
+    return dataclasses.replace(before, linear=linear, angular=angular, offset=None, holder=None)
+
+
+def attached_pins(
+    particle: np.ndarray, holder: Hashable, offset: np.ndarray, body: BodyConfig, rest: RestShape
+) -> Pins:
+    """Return pins that move with an obstacle, see `Pins`."""
+    return dataclasses.replace(_holding(particle, body, rest), holder=holder, offset=offset)
+
+
+def _holding(particle: np.ndarray, body: BodyConfig, rest: RestShape) -> Pins:
+    """Return fixed pins with the weights of the match."""
     weights = rest.weights.copy()
     pinned_weights = np.maximum(weights[particle], 1e-12)
     weights[particle] += COUPLING * pinned_weights / pinned_weights.sum()
@@ -120,8 +145,8 @@ def make_pins(body: BodyConfig, rest: RestShape, before: Pins | None = None) -> 
     regions = None
     if body.regions_count:
         regions = make_regions(rest, body.regions_count, body.regions_overlap, weights)
-    matched = make_rest_shape(rest.surface, weights)
-    return Pins(particle, linear, angular, matched, regions)
+    matched, still = make_rest_shape(rest.surface, weights), np.zeros(3)
+    return Pins(particle, still, still, matched, regions)
 
 
 def pinned_particles(body: BodyConfig, rest: RestShape) -> np.ndarray:
@@ -134,16 +159,23 @@ def pinned_particles(body: BodyConfig, rest: RestShape) -> np.ndarray:
         if there is no such vertex.
 
     """
-    beyond = [index for index in body.pins_indices if index >= rest.particle_count]
+    return particles_of(f'{body.prefix}pins', body.pins_indices, body.pins_box, rest)
+
+
+def particles_of(
+    prefix: str, indices: Sequence[int], box: Sequence[float], rest: RestShape
+) -> np.ndarray:
+    """Return the indices of particles that are named, or in a box of the mesh, in order."""
+    beyond = [index for index in indices if index >= rest.particle_count]
     if beyond:
         raise ConfigError(
-            f'{body.prefix}pins.indices has {beyond[0]}: the mesh has the vertices 0 to '
+            f'{prefix}.indices has {beyond[0]}: the mesh has the vertices 0 to '
             f'{rest.particle_count - 1}'
         )
     chosen = np.zeros(rest.particle_count, dtype=bool)
-    chosen[list(body.pins_indices)] = True
-    if any(body.pins_box):
-        corners = np.reshape(body.pins_box, (2, 3))
+    chosen[list(indices)] = True
+    if any(box):
+        corners = np.reshape(box, (2, 3))
         vertices = rest.surface.vertices
         inside = (corners.min(axis=0) <= vertices) & (vertices <= corners.max(axis=0))
         inside = inside.all(axis=1)
@@ -151,8 +183,8 @@ def pinned_particles(body: BodyConfig, rest: RestShape) -> np.ndarray:
         if not inside.any():
             low, high = in_brackets(vertices.min(axis=0)), in_brackets(vertices.max(axis=0))
             raise ConfigError(
-                f'{body.prefix}pins.box is {list(body.pins_box)}: no vertex is inside, the mesh '
-                f'reaches from {low} to {high} m'
+                f'{prefix}.box is {list(box)}: no vertex is inside, the mesh reaches from {low} '
+                f'to {high} m'
             )
     return np.flatnonzero(chosen)
 
@@ -236,10 +268,75 @@ def inverse_about(allowed: Matrix, gram: Matrix, scale: float, cut: float) -> Ma
 
 
 @kernel
+def follow_obstacles(
+    bodies: np.ndarray,
+    pinned: np.ndarray,
+    particle: np.ndarray,
+    offset: np.ndarray,
+    obstacles: np.ndarray,
+    x: np.ndarray,
+    h: float,
+) -> None:
+    """
+    Let pins that are attached to obstacles begin a tick where these are, and move with them.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+        what pins prescribe in the tick is written
+    pinned : (k,) int
+        bodies with pins
+    particle : (m,) int
+        pinned particles of all bodies, as particles of the world
+    offset : (3, m) float
+        in the frames of obstacles, m
+    obstacles : (O,) OBSTACLE
+    x : (2, 3, N) float
+        m; the half that has the state is changed
+    h : float
+        s
+
+    """
+    for index in range(len(pinned)):
+        body = bodies[pinned[index]]
+        if body['holder'] < 0:
+            continue
+        obstacle, first = obstacles[body['holder']], body['first_pin']
+        origin, rotation = vector_of(obstacle['position']), matrix_of(obstacle['rotation'])
+        origin_before = vector_of(obstacle['position_before'])
+        rotation_before, middle = matrix_of(obstacle['rotation_before']), ZERO
+        for k in range(first, first + body['pins']):
+            own = column_of(offset, k)
+            middle = plus(middle, own)
+            put_column(
+                x[body['now']], particle[k], plus(origin_before, applied(rotation_before, own))
+            )
+        middle = scaled(1.0 / body['pins'], middle)
+        arm, arm_before = applied(rotation, middle), applied(rotation_before, middle)
+        linear, angular = obstacle_twist(obstacle)
+        start = plus(linear, cross(angular, arm_before))
+        put_vector(body['pins_linear'], start)
+        put_vector(body['pins_angular'], angular)
+        put_vector(body['pins_shift'], plus(minus(origin, origin_before), minus(arm, arm_before)))
+        end = plus(linear, cross(angular, arm))
+        put_vector(body['pins_acceleration'], scaled(1.0 / h, minus(end, start)))
+
+
+@helper
+def obstacle_twist(obstacle: np.void) -> tuple[Vector, Vector]:
+    """Return the velocity of the origin of an OBSTACLE, m/s, and its angular velocity, rad/s."""
+    if obstacle['moves']:
+        return vector_of(obstacle['linear']), vector_of(obstacle['angular'])
+    return ZERO, ZERO
+
+
+@kernel
 def hold(
     bodies: np.ndarray,
     pinned: np.ndarray,
     particle: np.ndarray,
+    offset: np.ndarray,
+    obstacles: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
     h: float,
@@ -249,24 +346,28 @@ def hold(
 
     Parameters
     ----------
-    bodies : (B,) BODY
-    pinned : (k,) int
-        bodies with pins
-    particle : (m,) int
-        pinned particles of all bodies, as particles of the world
+    bodies, pinned, particle, offset, obstacles, h
+        see `follow_obstacles`
     x, v : (2, 3, N) float
         m, m/s; the half that is being computed is changed
-    h : float
-        s
 
-    """  # fmt: skip
+    """
     for index in range(len(pinned)):
         body = bodies[pinned[index]]
-        now, own = body['now'], particle[body['first_pin'] : body['first_pin'] + body['pins']]
-        move_pinned(
-            own, x[now], vector_of(body['pins_linear']), vector_of(body['pins_angular']), h,
-            x[1 - now], v[1 - now],
-        )  # fmt: skip
+        now, first, last = body['now'], body['first_pin'], body['first_pin'] + body['pins']
+        if body['holder'] < 0:
+            move_pinned(
+                particle[first:last], x[now], vector_of(body['pins_linear']),
+                vector_of(body['pins_angular']), h, x[1 - now], v[1 - now],
+            )  # fmt: skip
+            continue
+        obstacle = obstacles[body['holder']]
+        origin, rotation = vector_of(obstacle['position']), matrix_of(obstacle['rotation'])
+        linear, angular = obstacle_twist(obstacle)
+        for k in range(first, last):
+            arm = applied(rotation, column_of(offset, k))
+            put_column(x[1 - now], particle[k], plus(origin, arm))
+            put_column(v[1 - now], particle[k], plus(linear, cross(angular, arm)))
 
 
 @helper
