@@ -3,13 +3,16 @@
 """Going back in time: the same bits at the same ticks, with what had happened until then."""
 
 import dataclasses
+import random
 
 from core_helpers import bytes_of
 import numpy as np
 import pytest
+import trimesh
 
 from softbody_ros.core import (
     BodyConfig,
+    ConfigError,
     ObstacleConfig,
     ObstacleRemoval,
     ObstacleUpdate,
@@ -343,6 +346,42 @@ def test_what_comes_and_goes_on_the_way_back_waits_for_the_arrival():
     assert named(stepper)[0] == log[0]
 
 
+@pytest.mark.parametrize('is_file', [False, True])
+def test_parameters_that_do_not_fit_what_comes_on_the_way_back_do_no_harm(tmp_path, is_file):
+    file = tmp_path / 'cube.stl'
+    trimesh.creation.box().export(file)
+    cube = dataclasses.replace(CUBE, mesh=str(file)) if is_file else CUBE
+    stepper = stepper_of(memory=0.0, per_look=SLICE)
+    go_to(stepper, 0.3)
+    with_items(stepper, cube)
+    go_to(stepper, 0.8)
+    stepper.rewind(START + round(0.5 * SECOND))
+    assert stepper.world.names == ('ball',)
+    wrong = dataclasses.replace(cube, pins_indices=(8,))
+    if is_file:  # it cannot be known any more what is in it
+        file.unlink()
+        with_items(stepper, wrong, without=['cube'])
+    else:
+        with pytest.raises(ConfigError, match='the vertices 0 to 7'):
+            with_items(stepper, wrong, without=['cube'])
+    go_to(stepper, 0.5)
+    assert stepper.config == stepper.world.config
+    assert stepper.world.body_config('cube') == cube
+    go_to(stepper, 0.6)
+
+
+def test_what_is_added_on_the_way_back_is_gone_further_back():
+    stepper = stepper_of(memory=0.0, per_look=SLICE)
+    go_to(stepper, 0.8)
+    stepper.rewind(START + round(0.5 * SECOND))
+    with_items(stepper, CUBE, without=['ball'])
+    assert stepper.replaying
+    stepper.rewind(START + round(0.4 * SECOND))
+    assert [item.name for item in stepper.config.items] == ['ball', 'ground']
+    go_to(stepper, 0.6)
+    assert named(stepper)[0] == ['ball', 'ground']
+
+
 def test_a_reset_on_the_way_back_has_what_was_asked_for():
     stepper = stepper_of(memory=0.0, per_look=SLICE)
     go_to(stepper, 0.3)
@@ -368,6 +407,65 @@ def test_forgotten_additions_do_no_harm():
     go_to(stepper, 0.3)
     assert named(stepper)[0] == ['ball', 'ground']
     assert stepper.config == stepper.world.config
+
+
+ITEMS = (
+    ball('a', position=(0.0, 0.0, 0.6)),
+    ball('b', mode='rigid', position=(0.7, 0.0, 0.9)),
+    ball('c', mesh='box', subdivisions=0, position=(0.2, 0.3, 1.6), regions_count=2),
+    ball('d', position=(2.0, 0.0, 0.5), plasticity_creep=20.0, plasticity_yield=0.03),
+    ball('e', pins_indices=(0, 1), position=(-2.0, 0.0, 1.0)),
+    ObstacleConfig(name='ground'),
+    POST,
+    ObstacleConfig(
+        name='bar', type='capsule', position=(0.0, 0.0, 0.2), size=(0.1, 0.1, 0.5),
+        velocity_linear=(0.1, 0.0, 0.0),
+    ),
+    ObstacleConfig(
+        name='torus', type='mesh', mesh='torus', position=(0.0, 1.0, 0.2), size=(0.3, 0.3, 0.3)
+    ),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    'seed', [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 20))]
+)
+def test_whatever_comes_and_goes_the_past_is_what_it_was(seed):
+    """Additions, removals and jumps at random, also on the way back: the bits of a fresh world."""
+    choose = random.Random(seed)
+    begin = WorldConfig(bodies=ITEMS[:1], obstacles=ITEMS[5:6])
+    memory, per_look = choose.choice([1024.0, 1.0, 0.0]), choose.choice([0.0, SLICE / 3.0])
+    stepper = stepper_of(begin, memory, per_look)
+    changes, now = [], 0
+    for _ in range(20):
+        kind = choose.random()
+        if kind < 0.45:
+            some = [item for item in ITEMS if choose.random() < 0.5]
+            with_items(stepper, *choose.sample(some, len(some)), without=[i.name for i in ITEMS])
+            tick = stepper._replay_end if stepper.replaying else stepper.world.tick
+            changes.append((tick, stepper.config))
+        elif kind < 0.8:
+            now += choose.randint(1, 80)
+            go_to(stepper, now / 240)
+        else:
+            before = max(stepper.world.tick, stepper._replay_end)
+            now = max(now - choose.randint(1, 150), 0)
+            if now < before:
+                changes = [change for change in changes if change[0] < now]
+            arrive = go_to if choose.random() < 0.5 else set_off
+            arrive(stepper, now / 240)
+        if not stepper.replaying:
+            fresh = World(begin)
+            for tick, config in changes:
+                fresh.step(tick - fresh.tick)
+                fresh.adopt(fresh.prepare(config))
+            fresh.step(stepper.world.tick - fresh.tick)
+            assert fresh.config == stepper.world.config == stepper.config
+            assert bytes_of(fresh) == bytes_of(stepper.world)
+
+
+def set_off(stepper, seconds):
+    stepper.rewind(START + round(seconds * SECOND))
 
 
 def test_parameters_that_change_often_share_the_memory_of_the_others():

@@ -9,6 +9,7 @@ import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from scene_files import ROOT, scene_values
@@ -174,6 +175,24 @@ def test_a_parameter_file_can_be_loaded_whatever_the_order_of_its_lines(graph, s
     assert set_one_by_one(graph, obstacle) == []
     assert sim._world.obstacles[1].config.type == 'capsule'
     assert 'read-only' in graph.set_parameter(SIM, 'post.type', 'box').reason
+    require_agreement(sim)
+
+
+def test_a_file_is_loaded_by_the_client_that_ros2_param_load_uses(graph, sim, tmp_path):
+    file = tmp_path / 'more.yaml'
+    file.write_text(
+        '/softbody_sim: {ros__parameters: {apple: {mass: 0.1, mesh: capsule, subdivisions: 1}, '
+        'bodies: [ball, apple, cube], cube: {mesh: box, size: 0.2, subdivisions: 0}, '
+        'obstacles: [ground, wall], wall: {type: box, size: [0.1, 2.0, 2.0]}}}'
+    )
+    client = AsyncParameterClient(graph.node, SIM)
+    graph.spin_until(client.services_are_ready)
+    future = client.load_parameter_file(str(file))
+    graph.spin_until(future.done)
+    assert [result.reason for result in future.result().results if not result.successful] == []
+    _, apple, cube = sim._world.config.bodies
+    assert (apple.mass, apple.mesh, cube.mesh, cube.size) == (0.1, 'capsule', 'box', 0.2)
+    assert sim._world.obstacles[1].config.type == 'box'
     require_agreement(sim)
 
 

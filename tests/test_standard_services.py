@@ -397,6 +397,16 @@ def test_a_scene_is_spawned_as_one_entity(scene, tmp_path):
     assert [item.name for item in scene.world.config.obstacles] == ['ground']
 
 
+def test_what_holds_a_body_is_that_of_the_same_resource(scene):
+    text = (
+        '/**: {ros__parameters: {bodies: [a, b], obstacles: [cup], cup.type: box, '
+        'a.attach: {to: cup, radius: 9.0}, b.attach: {to: ground, radius: 9.0}}}'
+    )
+    assert scene.simulation.spawn('two', text=text) == (Outcome(), 'two')
+    assert scene.world.body_config('two_a').attach_to == 'two_cup'
+    assert scene.world.body_config('two_b').attach_to == 'ground'
+
+
 def test_a_scene_is_spawned_from_a_text(scene):
     assert scene.simulation.spawn('', text=TABLE) == (Outcome(), 'apple')
     outcome, name = scene.simulation.spawn('', text=FRUIT)

@@ -610,7 +610,8 @@ class World:
             if known.get(_structure(body)) is body:
                 continue
             is_new = _structure(body) not in known
-            shape = self._known_shapes.get(body) if is_new else self._present_shape(body)
+            shape = None if is_new else self._present_shape(body)
+            shape = shape or self._known_shapes.get(body)
             if shape is None and is_new:
                 shape = self._loaded_shape(body)
                 nbytes += 200 * shape[0].particle_count

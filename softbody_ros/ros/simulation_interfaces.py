@@ -382,7 +382,10 @@ class Simulation:
         }
         if all(len(lists[kind]) == len(values[kind]) for kind in lists):
             return self._unknown(name)
-        self._scene.request(lists)
+        try:
+            self._scene.request(lists)
+        except (ConfigError, MeshError) as error:
+            return Outcome(OPERATION_FAILED, str(error))
         self._members.pop(name, None)
         return Outcome()
 

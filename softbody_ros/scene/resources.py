@@ -258,10 +258,13 @@ def _placed(resource: Resource, new: dict[str, str], pose: Pose) -> dict[str, An
     values = dict(resource.values)
     for item in world.items:
         values |= _moved(item, position, turn, values)
-    return {
-        f'{new[owner]}.{dotted}': value
-        for owner, dotted, value in ((*name.split('.', 1), values[name]) for name in values)
-    }
+    renamed = {}
+    for name, value in values.items():
+        owner, dotted = name.split('.', 1)
+        # what holds it may be of the same resource
+        value = new.get(value, value) if dotted == 'attach.to' else value
+        renamed[f'{new[owner]}.{dotted}'] = value
+    return renamed
 
 
 def _rotation(quaternion: Sequence[float]) -> Rotation:

@@ -329,6 +329,8 @@ class Stepper:
             return
         self._replay = self.history.rewind(self.world, tick)
         self._replay_end = tick
+        # what has been asked for on the way to a later tick is undone
+        self._deferred = [item for item in self._deferred if not isinstance(item[0], Adoption)]
         self._config = self._config_after_replay()
         self._segments = earlier or self._segments[:1]
         if earlier and earlier[-1].period != self._period:
@@ -339,9 +341,11 @@ class Stepper:
 
     def _config_after_replay(self) -> WorldConfig:
         """Return the present parameters, of what will be there then."""
-        actions = [logged.action for logged in self._replay]
-        actions += [action for action, _ in self._deferred]
-        adopted = [item.prepared.config for item in actions if isinstance(item, Adoption)]
+        adopted = [
+            logged.action.prepared.config
+            for logged in self._replay
+            if isinstance(logged.action, Adoption)
+        ]
         return with_structure(self._config, [self.world.config, *adopted][-1])
 
     def _end_replay(self) -> None:
@@ -358,7 +362,9 @@ class Stepper:
         """Let the bodies and obstacles that are there have the parameters of a config."""
         adapted = self.world.adapted(config)
         if self.world.config != adapted:
-            self.act(Adoption(self.world.prepare(adapted, lenient=True)))
+            # what was not there when it was checked may have another mesh than was thought
+            with suppress(ConfigError):
+                self.act(Adoption(self.world.prepare(adapted, lenient=True)))
         self._config = self.world.config
 
     # ------------------------------------------------------------------------------------ advance
