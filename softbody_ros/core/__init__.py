@@ -30,7 +30,7 @@ What contacts exert in a tick, each stage adds to the results of contact/exchang
 integrated over time (contact_forces.py); mean_wrenches.py has the means for readers.
 
 config.py has all settings; external_inputs.py the inputs at run time: obstacles, points, wrenches,
-gravity; poke.py localised impulses.
+gravity; poke.py localised impulses; kinematic_tree.py and links.py links of robots as obstacles.
 """
 
 from softbody_ros.core.collision.point_obstacles import PointObstacles
