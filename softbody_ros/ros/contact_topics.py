@@ -29,9 +29,8 @@ class ContactTopics:
     `~/obstacle_contacts/<obstacle>` about the origin of the obstacle, in its axes, as a sensor
     between a hand and its finger measures it. `~/contacts` and `~/obstacle_contacts` have all,
     the latter also links of a robot, each as a whole in its own frame, and markers and points of
-    others. Each output has one message, the mean since the
-    one before; none without contact, but one of zeros when it has ended. The first one to a new
-    listener is of the last tick.
+    others. Each output has one message, the mean since the one before; none without contact, but
+    one of zeros when it has ended. The first one to a new listener is of the last tick.
 
     Parameters
     ----------
@@ -51,8 +50,8 @@ class ContactTopics:
         names = [obstacle.config.name for obstacle in world.obstacles]
 
         def all_and_own(topic: str, names: list[str]) -> tuple[Publisher, dict[str, Publisher]]:
-            # one message for each of them: a shallower queue would drop some
-            every = publisher(WrenchStamped, topic, max(10, 2 * len(names)))
+            # one message for each of them, and for links: a shallower queue would drop some
+            every = publisher(WrenchStamped, topic, max(100, 2 * len(names)))
             return every, {name: publisher(WrenchStamped, f'{topic}/{name}', 10) for name in names}
 
         self._bodies, self._body = all_and_own('~/contacts', list(world.names))
@@ -74,8 +73,8 @@ class ContactTopics:
         world, means, every = self._world, self._means, _heard(self._obstacles)
         present = world.external_inputs.dynamic_obstacles
         for link in self._links:
-            if link.keys[0] not in present:
-                continue
+            if not all(key in present for key in link.keys):
+                continue  # it is not there yet, or time went back
             _, rotation = link.pose(present[link.keys[0]].obstacle)
             listeners = every + _heard(self._link[link.name])
             wrench = self._due(
