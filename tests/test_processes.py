@@ -226,7 +226,7 @@ def test_colcon_installs_the_commands_where_ros2_run_looks(graph, workspace, mon
     assert os.access(executable, os.X_OK)
     share = prefix / 'share' / 'softbody_ros'
     assert (share / 'package.xml').is_file()
-    for name in ('default.yaml', 'softbody.rviz', 'fastdds_large_meshes.xml'):
+    for name in ('default.yaml', 'gripper.urdf', 'softbody.rviz', 'fastdds_large_meshes.xml'):
         assert (share / 'config' / name).is_file()
 
     setup = workspace / 'install' / 'setup.bash'

@@ -305,6 +305,53 @@ def test_a_flood_of_states_is_used_once_a_cycle(graph, robot):
     assert len(sim._stepper.history._actions) - before <= 2
 
 
+def test_what_does_not_concern_a_moving_link_leaves_it_alone(graph, robot):
+    robot.describe()
+    sim = graph.sim_node(**ALL, input_timeout=100.0, **SMALL)
+    robot.heard()
+    robot.send(SECOND, [0.0, 0.01], grip=0.05, hoist=0.0)
+    graph.spin_until(lambda: links_of(sim))
+    used = []
+    sim._stepper.act, act = lambda *action: (used.append(action), act(*action)), sim._stepper.act
+    robot.send(2 * SECOND, [1.0], stranger=1.0)
+    graph.spin_until(lambda: 'stranger' in sim._robot._joints)
+    assert graph.set_parameter(SIM, 'poke.radius', 0.2).successful
+    tick = sim._world.tick
+    graph.spin_until(lambda: sim._world.tick > tick + 10)
+    changes = [action for action, *_ in used if getattr(action, 'func', None)]
+    assert not changes
+    assert sim._world.external_inputs.obstacles[0].moves
+
+
+def test_a_joint_whose_publisher_has_ended_stands_still(graph, robot):
+    robot.describe()
+    sim = graph.sim_node(**ALL, input_timeout=0.25, **SMALL)
+    robot.heard()
+    robot.send(SECOND, [0.1, 0.2], grip=0.0, hoist=0.0)
+    graph.spin_until(lambda: links_of(sim))
+    for tenth in range(1, 8):
+        robot.send(SECOND + tenth * SECOND // 10, [0.0], hoist=0.0)
+        graph.spin_until(lambda: not sim._robot._due)
+        tick = sim._world.tick
+        graph.spin_until(lambda at=tick: sim._world.tick > at + 2)
+    left = sim._world.external_inputs.obstacles[1]
+    tick = sim._world.tick
+    graph.spin_until(lambda: sim._world.tick > tick + 80)
+    left = sim._world.external_inputs.obstacles[1]
+    assert not left.moves
+    assert left.position[0] == pytest.approx(-0.01 - 0.1 * 0.25, abs=1e-6)
+
+
+def test_old_links_go_even_if_where_the_new_ones_are_is_not_known(graph, robot):
+    robot.describe(STAND)
+    sim = graph.sim_node(**ALL, **SMALL)
+    graph.spin_until(lambda: links_of(sim) == ['table'])
+    robot.describe()
+    graph.spin_until(lambda: not links_of(sim))
+    robot.heard().send(grip=0.05, hoist=0.1)
+    graph.spin_until(lambda: links_of(sim) == ['palm', 'left_finger', 'right_finger'])
+
+
 def test_joint_states_are_history(graph, robot):
     robot.describe()
     values = {key.replace('.', '__'): value for key, value in scene_values('robot').items()}

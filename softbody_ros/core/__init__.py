@@ -30,7 +30,9 @@ What contacts exert in a tick, each stage adds to the results of contact/exchang
 integrated over time (contact_forces.py); mean_wrenches.py has the means for readers.
 
 config.py has all settings; external_inputs.py the inputs at run time: obstacles, points, wrenches,
-gravity; poke.py localised impulses; attachments.py what of a body moves with an obstacle.
+gravity; poke.py localised impulses; attachments.py what of a body moves with an obstacle;
+kinematic_tree.py and links.py links of robots as obstacles; prepared_config.py other bodies and
+obstacles, loaded beforehand.
 """
 
 from softbody_ros.core.collision.point_obstacles import PointObstacles

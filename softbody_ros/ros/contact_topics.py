@@ -86,6 +86,8 @@ class ContactTopics:
 
     def use_links(self, links: Sequence[Link]) -> None:
         """Have topics for other links of a robot."""
+        count = len(self._obstacle) + len(links)
+        self._obstacles = self._publishers.deepened(self._obstacles, count)
         self._renew(self._link, '~/obstacle_contacts', [link.name for link in links])
         self._links = tuple(links)
 
@@ -94,8 +96,8 @@ class ContactTopics:
         world, means, every = self._world, self._means, _heard(self._obstacles)
         present = world.external_inputs.dynamic_obstacles
         for link in self._links:
-            if link.keys[0] not in present:
-                continue
+            if not all(key in present for key in link.keys):
+                continue  # it is not there yet, or time went back
             _, rotation = link.pose(present[link.keys[0]].obstacle)
             listeners = every + _heard(self._link[link.name])
             key = link.keys[0][0], -1

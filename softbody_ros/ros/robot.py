@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from softbody_ros.core.external_inputs import Twist
+from softbody_ros.core.external_inputs import Twist, is_link
 from softbody_ros.ros import message_parsing
 from softbody_ros.ros.frames import Lookup, Pose
 from softbody_ros.scene.parameters import NodeConfig
@@ -82,6 +82,7 @@ class RobotLinks:
         self._on_since = time.monotonic()
         self._said: set[str] = set()
         self._due = False
+        self._is_used = False  # whether there has ever been a robot
         self._lookup = lookup
         self._last: _Used | None = None
         self._last_roots: dict[str, Pose] | None = None
@@ -105,9 +106,10 @@ class RobotLinks:
                 joint = self._joints[name] = _Joint(position)
             joint.position, joint.stated, joint.stamp = position, velocity, stamp
             joint.is_new = True
-        if self._heard_since is None and self._robot is not None:
-            self._note_whether_heard(self._robot)
-        self._due = True
+        robot = self._robot
+        if robot is not None and any(name in robot.joints for name, *_ in readings):
+            self._due = True
+            self._heard_since = self._heard_since or time.monotonic()
         return problem
 
     def configure(self) -> None:
@@ -115,7 +117,6 @@ class RobotLinks:
         problem = self._read()
         if problem:
             self._warn(DESCRIPTION, problem)
-        self._due = True
 
     # ------------------------------------------------------------------------------- the robot
     def _read(self) -> str:
@@ -146,14 +147,10 @@ class RobotLinks:
         if robot is None and self._robot is None:
             return
         self._robot, self._due, self._heard_since = robot, True, None
-        self._last_roots = None
-        if robot is not None:
-            self._note_whether_heard(robot)
-        self._changed(robot)
-
-    def _note_whether_heard(self, robot: Robot) -> None:
-        if any(name in self._joints for name in robot.joints):
+        self._last_roots, self._is_used = None, True
+        if robot is not None and any(name in self._joints for name in robot.joints):
             self._heard_since = time.monotonic()
+        self._changed(robot)
 
     def _say(self, topic: str, sentence: str) -> None:
         """Warn, once about the same thing."""
@@ -164,19 +161,20 @@ class RobotLinks:
     # --------------------------------------------------------------------------------- a cycle
     def update(self) -> None:
         """Move the links as what has come since the last call says."""
-        robot, stepper = self._robot, self._stepper
-        if stepper.replaying or (robot is None and not self._due):
+        stepper = self._stepper
+        if stepper.replaying or not self._is_used:
             return
-        settings, states = self._settings(), {}
-        if robot is not None:
-            roots = self._roots(robot, settings)
-            if roots is None:
-                return  # where it is is not known yet
-            if roots == self._last_roots and not self._due and self._is_there(robot):
-                return
+        robot, settings, states = self._robot, self._settings(), {}
+        roots = self._roots(robot, settings) if robot is not None else None
+        if robot is None or roots is None:
+            robot = None  # where it is is not known yet
+        elif roots == self._last_roots and not self._due and self._is_there(robot):
+            return
+        else:
             states = self._states(robot, roots, settings)
-            self._last_roots = roots
-        self._due = False
+            self._last_roots, self._due = roots, False
+        if robot is None and self._is_there(None):
+            return
         last, now = self._last, (robot, states, stepper.world.time_jumps)
         self._last = now
         if robot is not None and self._is_there(robot) and _is_same(last, now):
@@ -187,10 +185,13 @@ class RobotLinks:
             sum(state.nbytes for state in states.values()),
         )
 
-    def _is_there(self, robot: Robot) -> bool:
-        """Whether the world has the links: not if its clock went back to before they came."""
+    def _is_there(self, robot: Robot | None) -> bool:
+        """Whether the world has just these links: not if its clock went back to before."""
         present = self._stepper.world.external_inputs.dynamic_obstacles
-        return all(shape.key in present for shape in robot.shapes)
+        shapes = robot.shapes if robot is not None else ()
+        return sum(map(is_link, present)) == len(shapes) and all(
+            shape.key in present for shape in shapes
+        )
 
     def _roots(self, robot: Robot, settings: NodeConfig) -> dict[str, Pose] | None:
         """Return where its root is, or each of its links if nobody sends joints; None: unknown."""
@@ -231,19 +232,21 @@ class RobotLinks:
         stepper = self._stepper
         pace, gap = stepper.time_scale, settings.input_timeout
         runs = not stepper.paused and pace > 0.0
-        now, newest = stepper.time_of(stepper.world.tick), 0
+        now = stepper.time_of(stepper.world.tick)
         names = robot.joints if robot.root in roots else ()
+        joints = [
+            (row, self._joints[name]) for row, name in enumerate(names) if name in self._joints
+        ]
         positions, velocities = np.zeros(len(names)), np.zeros(len(names))
-        for row, name in enumerate(names):
-            joint = self._joints.get(name)
-            if joint is None:
-                continue
+        newest = max((joint.stamp for _, joint in joints), default=0)
+        age = 1e-9 * (now - newest)
+        age = age if runs and newest and abs(age) <= LARGEST_AGE else 0.0
+        for row, joint in joints:
             velocity = joint.used(gap)
-            age = 1e-9 * (now - joint.stamp)
-            bridged = age if runs and joint.stamp and abs(age) <= LARGEST_AGE else 0.0
-            positions[row] = joint.position + velocity * bridged
-            velocities[row] = velocity / pace if pace > 0.0 else 0.0
-            newest = max(newest, joint.stamp)
+            # another publisher may have sent it, and may have ended
+            late = min(1e-9 * (newest - joint.stamp), gap) if joint.stamp else 0.0
+            positions[row] = joint.position + velocity * (late + (age if late < gap else 0.0))
+            velocities[row] = velocity / pace if pace > 0.0 and late < gap else 0.0
         newest = max([newest, *(pose.stamp for pose in roots.values())])
         since_last, self._last_stamp = 1e-9 * (newest - self._last_stamp), newest
         approach = pace * since_last if runs and newest and 0.0 < since_last <= gap else 0.0

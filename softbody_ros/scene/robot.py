@@ -124,6 +124,8 @@ class Link:
         """
         Return force (3,), N, and torque (3,), N m, on the link, about its origin, world axes.
 
+        Of means over several ticks, moments are taken about where the origin is in the end.
+
         Parameters
         ----------
         present : mapping of key to DynamicObstacle
