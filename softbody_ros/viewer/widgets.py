@@ -144,6 +144,8 @@ def from_widget(field: Field, value: Any) -> Any:
     if field.kind == 'text' and field.type in LISTS:
         items = [item for item in re.split(r'[\s,]+', value.strip('[]() ')) if item]
         try:
+            if LISTS[field.type] is str:
+                return items or ['']  # an empty list has no type
             return [LISTS[field.type](item) for item in items]
         except ValueError:
             what = 'whole numbers' if LISTS[field.type] is int else 'numbers'
