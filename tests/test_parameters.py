@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameter table, and the scenes that values make of it."""
 
+import math
 import sys
 
 import pytest
 from scene_files import ROOT, scene_values
 
 from softbody_ros import installed_files
-from softbody_ros.core import ConfigError
+from softbody_ros.core import ConfigError, MeshError, World
 from softbody_ros.core.config import checked
 from softbody_ros.scene import parameters
 from softbody_ros.scene.parameters import SceneLists
@@ -93,6 +94,35 @@ def test_refusals_are_one_helpful_sentence(values, sentence):
         parameters.make_scene(values)
     assert sentence in str(refusal.value)
     assert '\n' not in str(refusal.value)
+
+
+LONG = ['x' * 100_000, [0.5] * 20_000, [math.nan] * 20_000, ['y' * 50_000] * 3, 10**400, 1e400]
+
+
+def refusal_of(values):
+    """Return why values are refused, '' if they are not."""
+    try:
+        World(parameters.make_scene(values).world)
+    except (ConfigError, MeshError) as refusal:
+        return str(refusal)
+    return ''
+
+
+@pytest.mark.parametrize('name', TABLE)
+def test_a_refusal_of_something_long_is_short(name):
+    for value in LONG:
+        if name in ('bodies', 'obstacles', 'robot.links') and value == LONG[3]:
+            continue  # names that are used twice are said elsewhere
+        assert len(refusal_of({name: value})) < 500
+    assert refusal_of({name: LONG[1]})
+
+
+def test_unknown_names_are_short_and_only_some_of_the_known_ones_are_listed():
+    with pytest.raises(ConfigError) as refusal:
+        parameters.make_scene({'x' * 100_000: 1.0})
+    assert len(str(refusal.value)) < 500
+    assert str(refusal.value).startswith('unknown parameter xxx')
+    assert ' and ' in str(refusal.value) and str(refusal.value).endswith(' more')
 
 
 def test_package_uri_is_found_through_the_ament_index(tmp_path, monkeypatch):

@@ -492,7 +492,7 @@ def test_bodies_and_obstacles_are_deleted(scene):
     assert outcome.code == NOT_FOUND and 'known are right' in outcome.message
     assert scene.simulation.delete('').code == NOT_FOUND
     assert scene.simulation.delete('right').code == OK
-    assert scene.simulation.delete('right').message.endswith('known are none')
+    assert scene.simulation.delete('right').message.endswith('there are none')
 
 
 def test_every_ending_that_is_advertised_is_read(tmp_path):

@@ -13,11 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softbody_ros.core.collision.obstacles import Obstacle
-from softbody_ros.core.config import BodyConfig, ConfigError, unknown_name
+from softbody_ros.core.collision.obstacles import Obstacle, is_same
+from softbody_ros.core.config import BodyConfig, ConfigError, shown, unknown_name
 from softbody_ros.core.contact_forces import ObstacleKey
 from softbody_ros.core.shape_matching.pins import Pins, attached_pins, particles_of
-from softbody_ros.core.shape_matching.rest_shape import RestShape
+from softbody_ros.core.shape_matching.rest_shape import RestShape, weighted_mean
+from softbody_ros.core.state import Body, State
 
 FAR = 0.5
 """Displacement of what is held by an obstacle that is placed elsewhere, in RMS radii, beyond which
@@ -84,22 +85,106 @@ def _rows_of(
     rows = rows or [row for row, name in enumerate(links) if name == wanted]
     if not rows:
         raise ConfigError(
-            f'{config.prefix}attach.to is {wanted!r}, but there is no such obstacle: '
+            f'{config.prefix}attach.to is {shown(wanted)}, but there is no such obstacle: '
             f'{unknown_name(wanted, names)}'
         )
     return rows
 
 
-def carried(
-    positions: np.ndarray, velocities: np.ndarray, before: Obstacle, after: Obstacle
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions and velocities (3, n) that are placed elsewhere with an obstacle."""
-    rotation = after.rotation @ before.rotation.T
-    arms = rotation @ (positions - before.position[:, None])
-    return arms + after.position[:, None], rotation @ velocities
+class Holders:
+    """
+    The obstacles that hold bodies of a world at present, and how these follow them.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+    state : State
+        of these bodies; `holder` of their records and, when one is placed elsewhere with its
+        obstacle, positions and velocities are changed
+
+    """
+
+    def __init__(self, bodies: Sequence[Body], state: State) -> None:
+        self._bodies, self._state = bodies, state
+        self._present: dict[int, Obstacle | None] = {
+            index: None
+            for index, body in enumerate(bodies)
+            if body.pins is not None and body.pins.offset is not None
+        }
+
+    def __bool__(self) -> bool:
+        return bool(self._present)
+
+    def follow(
+        self, obstacles: Sequence[Obstacle], keys: Sequence[ObstacleKey], placed: bool
+    ) -> tuple[list[int], bool]:
+        """
+        Find the obstacles as they are now; bodies lose the pins of those that are there no more.
+
+        Parameters
+        ----------
+        obstacles : sequence of Obstacle
+        keys : sequence
+            of these, see `World.obstacle_keys`
+        placed : bool
+            whether they have been placed elsewhere, and did not move there in a tick
+
+        Returns
+        -------
+        moved : list of int
+            bodies whose obstacle has another pose or velocity
+        lost : bool
+            whether the pins of some body are gone
+
+        """
+        moved, lost = [], False
+        for index, before in self._present.items():
+            pins = self._bodies[index].pins
+            if pins is None or pins.holder not in keys:
+                self._bodies[index].pins, lost = None, True
+                continue
+            row = keys.index(pins.holder)
+            self._state.bodies['holder'][index] = row
+            self._present[index] = obstacle = obstacles[row]
+            if before is not None and before is not obstacle and not is_same(before, obstacle):
+                moved.append(index)
+                if placed:
+                    self._carry(index, pins, before, obstacle)
+        return moved, lost
+
+    def _carry(self, index: int, pins: Pins, before: Obstacle, after: Obstacle) -> None:
+        """Place a body with the obstacle that holds it, if that has not just moved a little."""
+        body, distance = self._bodies[index], _displacement(pins, before, after)
+        if distance > (0.0 if body.config.mode == 'rigid' else FAR * body.rest.scale):
+            x, v = self._state.positions(index), self._state.velocities(index)
+            rotation = after.rotation @ before.rotation.T
+            arms = rotation @ (x - before.position[:, None])
+            x[:], v[:] = arms + after.position[:, None], rotation @ v
+
+    def fixed_and_driven(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return which bodies have pins at rest, and which moving ones, (B,) bool."""
+        fixed, driven = np.zeros((2, len(self._bodies)), dtype=bool)
+        for index, body in enumerate(self._bodies):
+            if body.pins is not None:
+                holder = self._present.get(index)
+                driven[index] = body.pins.moves or (
+                    holder is not None and (holder.moves or holder.before is not None)
+                )
+                fixed[index] = not driven[index]
+        return fixed, driven
+
+    def load(self, index: int, h: float) -> None:
+        """Let a body that falls asleep go on to weigh on the obstacle that holds it; h in s."""
+        holder = self._present.get(index)
+        if holder is not None:
+            body = self._bodies[index]
+            centre = weighted_mean(self._state.positions(index).T, body.rest.weights)
+            force, torque = self._state.holding[index]
+            moment = torque + np.cross(centre - holder.position, force)
+            self._state.holder_impulse[index] = -h * body.config.mass * np.stack([force, moment])
 
 
-def displacement(pins: Pins, before: Obstacle, after: Obstacle) -> float:
+def _displacement(pins: Pins, before: Obstacle, after: Obstacle) -> float:
     """Return how far an obstacle has been moved, m, at what it holds."""
     if pins.offset is None:
         return 0.0

@@ -30,6 +30,8 @@ OBSTACLE_TYPES = ('plane', 'box', 'sphere', 'capsule', 'cylinder', 'mesh')
 NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 LARGEST = 1e6
 """Largest magnitude of a vector component: beyond it float64 loses the micrometre."""
+MOST_CHARACTERS, MOST_ITEMS = 80, 12
+"""Of a value, or of a list, that are shown in a sentence."""
 
 
 class ConfigError(ValueError):
@@ -118,27 +120,29 @@ def checked(name: str, value: Any, facts: Setting) -> Any:
     default = facts.default
     if isinstance(default, bool):
         if not isinstance(value, (bool, np.bool_)):
-            raise ConfigError(f'{name} is {_shown(value)}: it must be true or false')
+            raise ConfigError(f'{name} is {shown(value)}: it must be true or false')
         return bool(value)
     if isinstance(default, str):
         if not isinstance(value, str):
-            raise ConfigError(f'{name} is {value!r}: it must be a text')
+            raise ConfigError(f'{name} is {shown(value)}: it must be a text')
         if facts.choices and value not in facts.choices:
-            raise ConfigError(f'{name} is {value!r}: choose one of {", ".join(facts.choices)}')
+            raise ConfigError(
+                f'{name} is {shown(value)}: choose one of {", ".join(facts.choices)}'
+            )
         return value
     if isinstance(default, tuple):
         is_list = isinstance(value, Sequence) and not isinstance(value, str)
         is_list |= isinstance(value, np.ndarray) and value.ndim > 0
         if facts.items is str:
             if not is_list or not all(isinstance(item, str) for item in value):
-                raise ConfigError(f'{name} is {value!r}: it must be a list of names')
+                raise ConfigError(f'{name} is {shown(value)}: it must be a list of names')
             return tuple(value)
         if facts.items is int:
             if not is_list:
-                raise ConfigError(f'{name} is {_shown(value)}: it must be a list of whole numbers')
+                raise ConfigError(f'{name} is {shown(value)}: it must be a list of whole numbers')
             return tuple(_number(name, value, item, facts, int) for item in value)
         if not is_list or len(value) != facts.length:
-            raise ConfigError(f'{name} is {_shown(value)}: it must be {facts.length} numbers')
+            raise ConfigError(f'{name} is {shown(value)}: it must be {facts.length} numbers')
         return tuple(_number(name, value, item, facts, float) for item in value)
     return _number(name, value, value, facts, type(default))
 
@@ -148,27 +152,34 @@ def _number(name: str, value: Any, item: Any, facts: Setting, kind: type) -> Any
     is_plain = kind is float and isinstance(item, float)  # asked first: it is much faster
     if not is_plain and (isinstance(item, (bool, np.bool_)) or not isinstance(item, wanted)):
         what = 'a whole number' if kind is int else 'a number'
-        raise ConfigError(f'{name} is {_shown(value)}: it must be {what}')
+        raise ConfigError(f'{name} is {shown(value)}: it must be {what}')
     try:
         number = kind(item)
     except OverflowError:
         number = math.inf
     low = -math.inf if facts.minimum is None else facts.minimum
     high = math.inf if facts.maximum is None else facts.maximum
-    if not math.isfinite(number) or not low <= number <= high:
+    if not low <= number <= high or (kind is float and not math.isfinite(number)):
         allowed = f'from {low:g} to {high:g}' if low > -math.inf or high < math.inf else 'finite'
         unit = f' {facts.unit}' if facts.unit else ''
         each = 'each element must be' if item is not value else 'it must be'
-        raise ConfigError(f'{name} is {_shown(value)}: {each} {allowed}{unit}')
+        raise ConfigError(f'{name} is {shown(value)}: {each} {allowed}{unit}')
     return number
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """Return a value for a sentence; of a long one its beginning."""
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return '[' + ', '.join(_shown(item) for item in value) + ']'
-    return repr(value)
+    if isinstance(value, str):
+        return repr(value if len(value) <= MOST_CHARACTERS else value[:MOST_CHARACTERS] + '…')
+    if isinstance(value, Sequence):
+        items = [shown(item) for item in value[:MOST_ITEMS]]
+        if len(value) > MOST_ITEMS:
+            items.append(f'… ({len(value)} in all)')
+        return '[' + ', '.join(items) + ']'
+    text = repr(value)
+    return text if len(text) <= MOST_CHARACTERS else text[:MOST_CHARACTERS] + '…'
 
 
 def in_brackets(values: Iterable[float]) -> str:
@@ -180,8 +191,11 @@ def unknown_name(name: str, known: Sequence[str]) -> str:
     """Return the clause of an error message that helps with a misspelt name."""
     if not known:
         return 'there are none'
-    close = difflib.get_close_matches(name, known, n=1)
-    return f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
+    close = difflib.get_close_matches(name[:MOST_CHARACTERS], known, n=1)
+    if close:
+        return f'did you mean {close[0]}?'
+    more = f' and {len(known) - MOST_ITEMS} more' if len(known) > MOST_ITEMS else ''
+    return f'known are {", ".join(known[:MOST_ITEMS])}{more}'
 
 
 def require_distinct(names: Sequence[str]) -> None:
@@ -204,7 +218,7 @@ class Checked:
         name = getattr(self, 'name', 'unnamed')
         if not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
             raise ConfigError(
-                f'the name {name!r} is not usable: begin with a letter and go on with '
+                f'the name {shown(name)} is not usable: begin with a letter and go on with '
                 'letters, digits and underscores'
             )
         self._check(settings(self))
@@ -221,8 +235,8 @@ class Checked:
                 length = math.hypot(*getattr(self, field))
                 if length < 1e-6:
                     raise ConfigError(
-                        f'{self.prefix + dotted} is {_shown(getattr(self, field))}: '
-                        f'its length must not be zero, {_shown(facts.default)} is the default'
+                        f'{self.prefix + dotted} is {shown(getattr(self, field))}: '
+                        f'its length must not be zero, {shown(facts.default)} is the default'
                     )
 
 
@@ -383,13 +397,13 @@ class BodyConfig(Checked):
             return
         if not (self.attach_indices or any(self.attach_box) or self.attach_radius):
             raise ConfigError(
-                f'{self.prefix}attach.to is {self.attach_to!r}, but no vertex is named: set '
+                f'{self.prefix}attach.to is {shown(self.attach_to)}, but no vertex is named: set '
                 'attach.radius, attach.indices or attach.box first'
             )
         if self.has_pins:
             raise ConfigError(
-                f'{self.prefix}attach.to is {self.attach_to!r}, but pins hold this body: clear '
-                'pins.indices and pins.box first'
+                f'{self.prefix}attach.to is {shown(self.attach_to)}, but pins hold this body: '
+                'clear pins.indices and pins.box first'
             )
 
 

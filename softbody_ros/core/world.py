@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core import attachments, poke, sleeping
+from softbody_ros.core import poke, sleeping
+from softbody_ros.core.attachments import Holders, attach
 from softbody_ros.core.collision import obstacles
 from softbody_ros.core.collision.collision_surface import CollisionSurface, CollisionSurfaces
 from softbody_ros.core.collision.obstacles import Obstacle, ObstacleTable
@@ -27,6 +28,7 @@ from softbody_ros.core.config import (
     ObstacleConfig,
     WorldConfig,
     settings,
+    shown,
     unknown_name,
 )
 from softbody_ros.core.contact import exchange
@@ -139,8 +141,8 @@ class World:
         self._surfaces: dict[tuple[int, int], CollisionSurface] = {}
         self._obstacle_table = ObstacleTable()
         self._bodies = [self._make_body(body) for body in config.bodies]
+        self._holders: Holders
         self._obstacles = tuple(obstacles.made(item) for item in config.obstacles)
-        self._holders: dict[int, Obstacle | None] = {}
         self._awake: np.ndarray | None = None
         self._environment: Environment
         self._build()
@@ -269,7 +271,7 @@ class World:
             environment.records,
             environment.trees,
             environment.points,
-            self._fixed_and_driven(),
+            self._holders.fixed_and_driven(),
             fall,
             self._body_boxes,
         )
@@ -284,30 +286,7 @@ class World:
                 self._state.reaction[index] = -weight
             else:
                 self._state.holding[index] = -weight - self._state.reaction[index]
-                self._load_holder(index)
-
-    def _fixed_and_driven(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return which bodies have pins at rest, and which moving ones, (B,) bool."""
-        fixed, driven = np.zeros((2, len(self._bodies)), dtype=bool)
-        for index, body in enumerate(self._bodies):
-            if body.pins is not None:
-                holder = self._holders.get(index)
-                driven[index] = body.pins.moves or (
-                    holder is not None and (holder.moves or holder.before is not None)
-                )
-                fixed[index] = not driven[index]
-        return fixed, driven
-
-    def _load_holder(self, index: int) -> None:
-        """Let a body that falls asleep go on to weigh on the obstacle that holds it."""
-        holder = self._holders.get(index)
-        if holder is not None:
-            body = self._bodies[index]
-            centre = weighted_mean(self._state.positions(index).T, body.rest.weights)
-            force, torque = self._state.holding[index]
-            moment = torque + np.cross(centre - holder.position, force)
-            impulse = -self.config.time_step * body.config.mass * np.stack([force, moment])
-            self._state.holder_impulse[index] = impulse
+                self._holders.load(index, self.config.time_step)
 
     def _balance(self, indices: np.ndarray, gravity: np.ndarray) -> None:
         """Let bodies that fall asleep weigh on obstacles as they go on to carry their weight."""
@@ -482,7 +461,8 @@ class World:
         self._restore_structure(snapshot)
         self.tick = snapshot.tick
         self.time_jumps += 1
-        self._inputs, self._holders = snapshot.inputs, {}
+        self._inputs = snapshot.inputs
+        self._holders = Holders((), self._state)  # of this state none is followed
         self._set_obstacles(
             tuple(
                 _with_config(saved, config)
@@ -550,7 +530,7 @@ class World:
         if name not in self._index:
             names = (*self.names, *(config.name for config in self.config.obstacles))
             raise ConfigError(
-                f'there is no body or obstacle {name!r}: {unknown_name(name, names)}'
+                f'there is no body or obstacle {shown(name)}: {unknown_name(name, names)}'
             )
         index = self._index[name]
         self._let_go_of([index], ())
@@ -648,7 +628,7 @@ class World:
                 x, rest = self._state.positions(index).T, self._bodies[index].rest
             else:
                 continue
-            attachments.attach(config, rest, x, present, keys)
+            attach(config, rest, x, present, keys)
 
     def adopt(self, prepared: PreparedConfig) -> None:
         """
@@ -835,9 +815,7 @@ class World:
 
     def _attached(self, index: int, config: BodyConfig) -> Pins:
         x = self._state.positions(index).T
-        return attachments.attach(
-            config, self._bodies[index].rest, x, self.obstacles, self.obstacle_keys
-        )
+        return attach(config, self._bodies[index].rest, x, self.obstacles, self.obstacle_keys)
 
     def _pins_by(self, index: int, config: BodyConfig) -> Pins | None:
         """Return the pins of a body for a config; none if nothing is in reach of its obstacle."""
@@ -884,48 +862,18 @@ class World:
 
     def _watch_holders(self) -> None:
         """Look anew for the obstacles that hold bodies."""
-        self._holders = {
-            index: None
-            for index, body in enumerate(self._bodies)
-            if body.pins is not None and body.pins.offset is not None
-        }
+        self._holders = Holders(self._bodies, self._state)
         self._follow_holders(placed=False)
 
     def _follow_holders(self, placed: bool) -> None:
-        """
-        Wake bodies whose obstacle has moved, and let those go whose obstacle is there no more.
-
-        Parameters
-        ----------
-        placed : bool
-            whether the obstacles have been placed elsewhere, and did not move there in a tick
-
-        """
+        """Let bodies follow obstacles that hold them, see `Holders.follow`."""
         if not self._holders:
             return
-        keys, present, lost = self.obstacle_keys, self.obstacles, False
-        for index, before in self._holders.items():
-            pins = self._bodies[index].pins
-            if pins is None or pins.holder not in keys:
-                self._bodies[index].pins, lost = None, True
-                continue
-            row = keys.index(pins.holder)
-            self._state.bodies['holder'][index] = row
-            self._holders[index] = obstacle = present[row]
-            if before is not None and before is not obstacle:
-                self._wake(index)
-                if placed:
-                    self._carry(index, pins, before, obstacle)
+        moved, lost = self._holders.follow(self.obstacles, self.obstacle_keys, placed)
+        for index in moved:
+            self._wake(index)
         if lost:
             self._use_pins()
-
-    def _carry(self, index: int, pins: Pins, before: Obstacle, after: Obstacle) -> None:
-        """Place a body with the obstacle that holds it, if that has not just moved."""
-        body, distance = self._bodies[index], attachments.displacement(pins, before, after)
-        least = 0.0 if body.config.mode == 'rigid' else attachments.FAR * body.rest.scale
-        if distance > least:
-            x, v = self._state.positions(index), self._state.velocities(index)
-            x[:], v[:] = attachments.carried(x, v, before, after)
 
     # -------------------------------------------------------------------------- external inputs
     def change_obstacles(
@@ -1182,7 +1130,7 @@ class World:
         """
         names = [obstacle.config.name for obstacle in self._obstacles]
         if name not in names:
-            raise ConfigError(f'there is no obstacle {name!r}: {unknown_name(name, names)}')
+            raise ConfigError(f'there is no obstacle {shown(name)}: {unknown_name(name, names)}')
         index = names.index(name)
         current = self._obstacles[index]
         values: dict[str, Any] = {
@@ -1348,7 +1296,9 @@ class World:
             return keys.index(name)
         names = [obstacle.config.name for obstacle in self.obstacles]
         if name not in names:
-            raise ConfigError(f'there is no obstacle {name!r}: {unknown_name(str(name), names)}')
+            raise ConfigError(
+                f'there is no obstacle {shown(name)}: {unknown_name(str(name), names)}'
+            )
         return names.index(name)
 
     @property
@@ -1416,7 +1366,7 @@ class World:
 
     def _index_of(self, name: str) -> int:
         if name not in self._index:
-            raise ConfigError(f'there is no body {name!r}: {unknown_name(name, self.names)}')
+            raise ConfigError(f'there is no body {shown(name)}: {unknown_name(name, self.names)}')
         return self._index[name]
 
 
@@ -1512,7 +1462,9 @@ def _require_same_settings(old: WorldConfig, new: WorldConfig) -> None:
     before = read_only(old)
     for key, value in read_only(new).items():
         if key in before and value is not before[key] and value != before[key]:
-            raise ConfigError(f'{key[1]} is {before[key]!r} and cannot change: make a new World')
+            raise ConfigError(
+                f'{key[1]} is {shown(before[key])} and cannot change: make a new World'
+            )
 
 
 def _structure(config: BodyConfig | ObstacleConfig) -> tuple:

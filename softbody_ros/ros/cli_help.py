@@ -53,8 +53,7 @@ parameters, most of which change while it runs ('ball' and 'ground' are names):
   ball.mode            rigid, linear or quadratic; .stiffness, .bounciness, .deformation,
                        .volume_conservation, .damping, .mass: how it deforms
   ball.elasticity      how it bounces; .friction, .friction_model, .thickness: how it touches
-  ball.regions         local bending; .plasticity: dents that stay; .pins: held vertices;
-                       .attach: vertices that move with an obstacle
+  ball.regions         local bending; .plasticity: dents that stay; .pins, .attach: held vertices
   ground.type          and .mesh, .size, .position, .orientation, .velocity of an obstacle;
                        .surface_velocity, .friction, .elasticity: of its surface
   gravity              .magnitude and .direction

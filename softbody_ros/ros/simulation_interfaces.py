@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 import trimesh
 
 from softbody_ros.core import ConfigError, MeshError, RigidFit, World
-from softbody_ros.core.config import LARGEST
+from softbody_ros.core.config import LARGEST, shown, unknown_name
 from softbody_ros.scene import resources
 from softbody_ros.scene.resources import Pose, Problem, ResourceError
 from softbody_ros.timeline.history import Checkpoint
@@ -346,7 +346,8 @@ class Simulation:
         """
         if namespace:
             reason = (
-                f'entity_namespace is {namespace!r}: entities have no namespaces, leave it empty'
+                f'entity_namespace is {shown(namespace)}: entities have no namespaces, leave it '
+                'empty'
             )
             return Outcome(NAMESPACE_INVALID, reason), ''
         if not (np.abs(pose[0]) <= LARGEST).all():
@@ -390,8 +391,8 @@ class Simulation:
         return Outcome()
 
     def _unknown(self, name: str) -> Outcome:
-        known = ', '.join(self._names) or 'none'
-        return Outcome(NOT_FOUND, f'there is no entity {name!r}: known are {known}')
+        hint = unknown_name(name, list(self._names))
+        return Outcome(NOT_FOUND, f'there is no entity {shown(name)}: {hint}')
 
     @property
     def _names(self) -> tuple[str, ...]:

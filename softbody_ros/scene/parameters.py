@@ -19,6 +19,7 @@ import os
 from typing import Any, TypeVar
 
 from softbody_ros.core.config import (
+    MOST_CHARACTERS,
     NAME_PATTERN,
     BodyConfig,
     Checked,
@@ -30,6 +31,7 @@ from softbody_ros.core.config import (
     require_distinct,
     setting,
     settings,
+    shown,
     unknown_name,
 )
 from softbody_ros.installed_files import share_directory
@@ -242,7 +244,7 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
     known = table(lists)
     for name in values:
         if name not in known:
-            raise ConfigError(f'unknown parameter {name}: {unknown_name(name, list(known))}')
+            raise ConfigError(_unknown(name, unknown_name(name, list(known))))
 
     def fields(config: type, prefix: str = '') -> dict[str, Any]:
         return {
@@ -291,7 +293,8 @@ def mesh_path(mesh: str) -> str:
         return os.path.join(share_directory(package), path)
     except (LookupError, ValueError, OSError, ImportError):
         raise ConfigError(
-            f'mesh {mesh}: package {package!r} is not installed, or its workspace is not sourced'
+            f'mesh {mesh[:200]}: package {shown(package)} is not installed, or its workspace is '
+            'not sourced'
         ) from None
 
 
@@ -330,7 +333,7 @@ def start_value(name: str, value: Any, known: Collection[str]) -> Any:
     tables = [table[dotted] for table in (BODY_TABLE, OBSTACLE_TABLE) if dotted in table]
     hint = _what_is_wrong(name, known)
     if hint:
-        raise ConfigError(f'unknown parameter {name}: {hint}')
+        raise ConfigError(_unknown(name, hint))
     refusals = []
     for facts in tables:
         try:
@@ -338,6 +341,10 @@ def start_value(name: str, value: Any, known: Collection[str]) -> Any:
         except ConfigError as refusal:
             refusals.append(refusal)
     raise refusals[0]
+
+
+def _unknown(name: str, hint: str) -> str:
+    return f'unknown parameter {name[:MOST_CHARACTERS]}: {hint}'
 
 
 def _what_is_wrong(name: str, known: Collection[str]) -> str:
@@ -349,7 +356,7 @@ def _what_is_wrong(name: str, known: Collection[str]) -> str:
     if owner in owners:
         return unknown_name(name, [each for each in known if each.startswith(f'{owner}.')])
     if not NAME_PATTERN.fullmatch(owner):
-        return f'{owner!r} cannot be the name of a body or an obstacle'
+        return f'{shown(owner)} cannot be the name of a body or an obstacle'
     # ball_2 beside ball is no slip of the hand
     others = [each for each in owners if _stem(each) != _stem(owner)]
     if difflib.get_close_matches(owner, others, n=1, cutoff=MISSPELT):
@@ -370,12 +377,19 @@ def promoted(value: Any, facts: Setting) -> Any:
     if value is None and facts.items is not None:
         return []
     if isinstance(facts.default, float) and _is_integer(value):
-        return float(value)
+        return _as_float(value)
     if facts.length is not None and isinstance(value, Iterable) and not isinstance(value, str):
         items = list(value)
         if all(_is_integer(item) for item in items):
-            return [float(item) for item in items]
+            return [_as_float(item) for item in items]
     return value
+
+
+def _as_float(value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def _is_integer(value: Any) -> bool:

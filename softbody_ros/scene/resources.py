@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
-from softbody_ros.core.config import LARGEST, NAME_PATTERN, in_brackets, settings
+from softbody_ros.core.config import LARGEST, NAME_PATTERN, in_brackets, settings, shown
 from softbody_ros.core.geometry.mesh import FILE_TYPES, PRIMITIVES
 from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import read_scene, scene_of
@@ -127,7 +127,7 @@ def read_resource(uri: str, text: str = '') -> Resource:
         if ending not in FORMATS:
             raise ResourceError(
                 Problem.FORMAT,
-                f'the resource {uri!r} is {_neither_nor(FORMATS)}',
+                f'the resource {shown(uri)} is {_neither_nor(FORMATS)}',
             )
         if not os.path.isfile(path):
             raise ResourceError(Problem.MISSING_MESH, f'the file {path} does not exist')
@@ -151,7 +151,7 @@ def _path(uri: str) -> str:
         return parameters.mesh_path(uri)
     except ConfigError as error:
         reason = str(error).removeprefix(f'mesh {uri}: ')
-        raise ResourceError(Problem.MISSING_MESH, f'the resource {uri!r}: {reason}') from None
+        raise ResourceError(Problem.MISSING_MESH, f'the resource {shown(uri)}: {reason}') from None
 
 
 def _mesh(uri: str, file_name: str) -> Resource:
@@ -207,8 +207,8 @@ def make_entity(
     if name and not NAME_PATTERN.fullmatch(name):
         raise ResourceError(
             Problem.NAME,
-            f'the name {name!r} is not usable: begin with a letter and go on with letters, digits '
-            'and underscores',
+            f'the name {shown(name)} is not usable: begin with a letter and go on with letters, '
+            'digits and underscores',
         )
     if resource.is_mesh and not name and not may_rename:
         raise ResourceError(Problem.NAME, 'a mesh has no name: give one, or allow renaming')

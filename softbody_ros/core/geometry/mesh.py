@@ -193,11 +193,11 @@ def _read_file(path: str, types: Sequence[str] = FILE_TYPES) -> trimesh.Trimesh:
     extension = os.path.splitext(path)[1].lower().lstrip('.')
     if extension not in types:
         raise MeshError(
-            f'mesh {path!r} is neither a primitive ({", ".join(PRIMITIVES)}) '
+            f'mesh {path[:200]!r} is neither a primitive ({", ".join(PRIMITIVES)}) '
             f'nor a file that ends in .{", .".join(types)}'
         )
     if not os.path.isfile(path):
-        raise MeshError(f'mesh file {path} does not exist: check the path')
+        raise MeshError(f'mesh file {path[:200]} does not exist: check the path')
     if os.path.getsize(path) > LARGEST_FILE:
         raise MeshError(f'mesh file {path} is larger than 1 GiB: simplify the mesh first')
     try:
