@@ -404,6 +404,9 @@ def test_the_gripper_of_another_process_lifts_the_ball_and_its_links_feel_it(gra
     robot.send(grip=0.0465, hoist=0.0)
     graph.spin_until(lambda: links_of(sim))
     graph.spin_until(lambda: sim._world.is_asleep('ball') and all(felt.values()))
+    counts = {name: len(messages) for name, messages in felt.items()}
+    # means of a time in which it was asleep
+    graph.spin_until(lambda: all(len(felt[name]) > counts[name] + 2 for name in felt))
     last = {name: messages[-1] for name, messages in felt.items()}
     for name, message in last.items():
         assert message.header.frame_id == name
