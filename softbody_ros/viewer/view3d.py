@@ -60,9 +60,9 @@ class View3D:
     def look_at(self, surface: Surface) -> None:
         """Point the cameras at the bodies and the ground below them."""
         low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-        width = (high - low)[:2].max()
-        if low[2] < 0.5 * width:
-            high[2] = max(high[2], low[2] + 3.0 * width)  # from the ground one can only go up
+        width, height = (high - low)[:2].max(), (high - low)[2]
+        if low[2] < 0.1 * height:
+            high[2] += 2.0 * min(width, height)  # what lies on the ground may be lifted
         low[2] = min(low[2], 0.0)
         centre, reach = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 1e-3)
         position = centre + reach * np.array([0.55, -1.25, 0.35])
