@@ -13,7 +13,8 @@ import kernels as matching
 import numpy as np
 
 from softbody_ros.core import BodyConfig, SimulationError, WorldConfig
-from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
+from softbody_ros.core.shape_matching.gains import damping_ratio
+from softbody_ros.core.shape_matching.material import natural_frequency
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
 
 GRAVITY = 9.81

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 import numpy as np
 
 from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
-from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
+from softbody_ros.core.shape_matching.gains import damping_ratio
+from softbody_ros.core.shape_matching.material import natural_frequency
 
 MODES = ('rigid', 'linear', 'quadratic')
 REFERENCE = 1 / 120

@@ -35,9 +35,10 @@ from softbody_ros.core.shape_matching.gains import (
     RESIDUAL,
     TOUCHING,
     damping_ratio,
-    natural_frequency,
     put_gains,
 )
+from softbody_ros.core.shape_matching.material import make_material, natural_frequency
+from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
 
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')
@@ -151,7 +152,8 @@ def test_partly_conserved_volume_breathes_alike_at_any_step(volume_conservation)
 def motion_about_goals(config, h, followed, state=REGULAR):
     """Return the matrix of a tick of a deformation of which goals follow the share f, (2, 2)."""
     record = np.zeros((), BODY)
-    put_gains(record, config, h, REFERENCE)
+    rest = make_rest_shape(make_surface('box', 0.5, 0))
+    put_gains(record, config, make_material(config, rest, REFERENCE, True), h, REFERENCE)
     a, b, c, d, _, _, kept = record['responses'][state, RESIDUAL]
     ahead, kept = record['look_ahead'][state], kept + (1.0 - kept) * followed
     # y = g + a (y − g) + b u and u = c (y − g) + d u with g = f (y + τ u)

@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from softbody_ros.core import make_surface
 from softbody_ros.core.shape_matching import goal_flight, moments, pins
 from softbody_ros.core.shape_matching.gains import DEGENERATE, REGULAR, RESIDUAL, put_gains
+from softbody_ros.core.shape_matching.material import make_material
 from softbody_ros.core.shape_matching.pins import make_pins
 from softbody_ros.core.shape_matching.regions import make_regions
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
@@ -52,8 +53,10 @@ class Flights(Flying):
                 regions = make_regions(rest, config.regions_count, config.regions_overlap)
             bodies.append(Body(config, rest, regions, make_pins(config, rest)))
         super().__init__(bodies, h, gravity)
-        for record, config in zip(self.state.bodies, configs, strict=True):
-            put_gains(record, config, h, REFERENCE)
+        for record, each in zip(self.state.bodies, bodies, strict=True):
+            has_goals = each.regions is not None or each.pins is not None
+            material = make_material(each.config, each.rest, REFERENCE, has_goals)
+            put_gains(record, each.config, material, h, REFERENCE)
 
     def fly(self, awake=None):
         """Compute a tick of all bodies, or of some; the state stays."""

@@ -47,13 +47,12 @@ from softbody_ros.core.shape_matching import flight_map, free_rotation, modal_fl
 from softbody_ros.core.shape_matching.gains import (
     BREATHING,
     FOLLOWED,
-    KAPPA,
     RESIDUAL,
     damping_ratio,
-    natural_frequency,
     oscillator_response,
     put_gains,
 )
+from softbody_ros.core.shape_matching.material import KAPPA, make_material, natural_frequency
 from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
 from softbody_ros.core.shape_matching.rest_shape import SHAPE, make_rest_shape
 from softbody_ros.core.state import Body, State
@@ -86,8 +85,9 @@ class Flights(Flying):
             for config in configs
         ]
         super().__init__(bodies, h, gravity)
-        for record, config in zip(self.state.bodies, configs, strict=True):
-            put_gains(record, config, h, reference, kappa)
+        for record, each in zip(self.state.bodies, bodies, strict=True):
+            material = make_material(each.config, each.rest, reference, False)
+            put_gains(record, each.config, material, h, reference, kappa)
 
     def fly(self, awake=None):
         """Compute a tick of all bodies, or of some; the state stays."""
@@ -202,12 +202,14 @@ def test_a_constant_force_holds_its_displacement_at_any_step(phase):
 def test_no_blend_of_responses_amplifies():
     """Degenerate states blend those of their own and of critical damping, linearly."""
     grid = (0.0, 0.05, 0.5, 1.0)
+    rest = make_rest_shape(make_surface('box', 0.5, 0))
     for alpha, beta, bounciness, h in itertools.product(
         grid, (0.0, 0.5, 0.9, 1.0), (0.0, 0.5, 0.95, 1.0), (1e-3, 1 / 240, 1 / 60, 0.1)
     ):
         flights = body(stiffness=alpha, deformation=beta, bounciness=bounciness, elasticity=1.0)
         record = np.zeros(1, State([]).bodies.dtype)[0]
-        put_gains(record, flights, h, REFERENCE)
+        material = make_material(flights, rest, REFERENCE, False)
+        put_gains(record, flights, material, h, REFERENCE)
         for kind, share in itertools.product(range(3), np.linspace(0.0, 1.0, 11)):
             regular, degenerate, touching = record['responses'][:, kind]
             assert (touching == regular).all()  # as elasticity is 1

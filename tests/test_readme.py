@@ -16,10 +16,8 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from softbody_ros.core import BodyConfig, World, WorldConfig
-from softbody_ros.core.shape_matching.gains import (
-    damping_ratio,
-    natural_frequency,
-)
+from softbody_ros.core.shape_matching.gains import damping_ratio
+from softbody_ros.core.shape_matching.material import natural_frequency
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
 from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.scene import parameters

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scene_files import SCENES, world_of
 
-from softbody_ros.core.shape_matching.gains import natural_frequency
+from softbody_ros.core.shape_matching.material import natural_frequency
 
 
 def run_to(world, seconds):

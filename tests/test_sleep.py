@@ -3,10 +3,12 @@
 """Bodies fall asleep when they lie still, cost nothing then, and wake for what matters to them."""
 
 import dataclasses
+import itertools
 
 from core_helpers import body, bytes_of, centre, floating
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import (
     ObstacleConfig,
@@ -483,3 +485,53 @@ def test_the_boxes_that_are_kept_of_sleepers_are_those_that_they_have():
         change()
         assert_boxes_are_right()
         slept()
+
+
+# ------------------------------------------------------------------------- it does not cheat
+def balanced(degrees, size, mode):
+    """Return a world with a box on an edge, turned by an angle from its balance."""
+    turn = Rotation.from_euler('y', 45.0 + degrees, degrees=True)
+    corners = turn.apply(size * np.array(list(itertools.product((-1, 1), repeat=3))))
+    config = body(
+        'box', size=size, mode=mode, natural_frequency=20.0 / size, subdivisions=1,
+        position=(0.0, 0.0, -corners[:, 2].min()), orientation=tuple(turn.as_quat()),
+    )  # fmt: skip
+    return World(WorldConfig(bodies=(config,)))
+
+
+@pytest.mark.parametrize('mode', ['rigid', 'quadratic'])
+@pytest.mark.parametrize(('degrees', 'size'), [(0.05, 0.02), (0.05, 2.0), (0.005, 2.0)])
+def test_a_box_that_is_nearly_balanced_on_an_edge_falls_over(degrees, size, mode):
+    world = balanced(degrees, size, mode)
+    for _ in range(200):
+        world.step(24)
+        if world.is_asleep('body'):
+            break
+    assert world.is_asleep('body')
+    axes = np.abs(world.rigid_fit('body').rotation)
+    assert axes.max(axis=0) == pytest.approx(1.0, abs=1e-3), 'it lies flat'
+
+
+@pytest.mark.parametrize('friction', [0.9, 0.999, 0.9999])
+def test_a_creep_by_viscous_friction_goes_on(friction):
+    box = body('box', mode='rigid', size=0.2, position=(0.0, 0.0, 0.2), friction=friction,
+               friction_model='viscous')  # fmt: skip
+    world = World(WorldConfig(bodies=(box,), gravity_direction=(0.3, 0.0, -1.0)))
+    world.step(20 * 240)
+    assert not world.is_asleep('body')
+    before = centre(world)[0]
+    world.step(240)
+    assert centre(world)[0] - before > 5e-5
+
+
+def test_what_sleeps_after_a_restored_snapshot_sleeps_at_the_same_tick():
+    world = World(WorldConfig(bodies=(body('box', position=(0.0, 0.0, 0.52)),)))
+    world.step(60)
+    saved, ticks = world.snapshot(), []
+    for _ in range(2):
+        world.restore(saved)
+        while not world.is_asleep('body'):
+            world.step()
+        ticks.append(world.tick)
+        world.step(300)
+    assert ticks[0] == ticks[1]

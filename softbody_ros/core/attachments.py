@@ -181,7 +181,8 @@ class Holders:
             centre = weighted_mean(self._state.positions(index).T, body.rest.weights)
             force, torque = self._state.holding[index]
             moment = torque + np.cross(centre - holder.position, force)
-            self._state.holder_impulse[index] = -h * body.config.mass * np.stack([force, moment])
+            mass = self._state.bodies['mass'][index]
+            self._state.holder_impulse[index] = -h * mass * np.stack([force, moment])
 
 
 def _displacement(pins: Pins, before: Obstacle, after: Obstacle) -> float:

@@ -283,10 +283,22 @@ class BodyConfig(Checked):
     mass: float = setting(
         1.0, 'total, spread over the particles by area', unit='kg', minimum=1e-6, maximum=1e6
     )
+    density: float = setting(
+        0.0, 'mass per enclosed volume, in place of mass; 0: by mass', unit='kg/m³', minimum=0.0,
+        maximum=1e5,
+    )  # fmt: skip
     mode: str = setting('quadratic', 'what the goal shape can do', choices=MODES)
     stiffness: float = setting(
         0.5, 'pull towards the goal: cos(ω·reference_step) = 1 − stiffness/2', minimum=0.0,
         maximum=1.0,
+    )  # fmt: skip
+    natural_frequency: float = setting(
+        0.0, 'of the pull towards the goal, in place of stiffness; 0: by stiffness', unit='Hz',
+        minimum=0.0, maximum=1e6,
+    )  # fmt: skip
+    young_modulus: float = setting(
+        0.0, 'E of the material, in place of stiffness: sets the frequency by size, mass and '
+        'shape; 0: by stiffness', unit='Pa', minimum=0.0, maximum=1e12,
     )  # fmt: skip
     bounciness: float = setting(
         0.5, 'how much of each deformation swing the next one keeps', minimum=0.0, maximum=1.0
@@ -376,10 +388,25 @@ class BodyConfig(Checked):
             indices = tuple(index for index in getattr(self, field) if index >= 0)
             object.__setattr__(self, field, indices)
         self._check_attachment()
+        if self.young_modulus > 0.0:
+            self._check_modulus()
         if self.friction_model == 'viscous' and self.friction > 1.0:
             raise ConfigError(
                 f'{self.prefix}friction is {self.friction:g}: with friction_model viscous it is '
                 'a fraction from 0 to 1; larger coefficients need friction_model coulomb'
+            )
+
+    def _check_modulus(self) -> None:
+        modulus = f'{self.prefix}young_modulus is {self.young_modulus:g}'
+        if self.natural_frequency > 0.0:
+            raise ConfigError(
+                f'{modulus} and {self.prefix}natural_frequency {self.natural_frequency:g}: only '
+                'one of them can say how stiff it is, set the other to 0'
+            )
+        if self.deformation == 1.0:
+            raise ConfigError(
+                f'{modulus}, but with {self.prefix}deformation 1 goals follow any deformation, '
+                'which nothing resists then: lower it'
             )
 
     @property

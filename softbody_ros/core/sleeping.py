@@ -21,7 +21,7 @@ from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.union_find import unite
-from softbody_ros.core.state import State
+from softbody_ros.core.state import SAMPLES_TO_SLEEP, State
 
 SAMPLE_INTERVAL = 0.1
 """Seconds between two samples of the displacement of bodies."""
@@ -29,8 +29,11 @@ AT_REST = 2e-4
 """Displacement between two samples, in RMS radii, below which a body is at rest."""
 AT_REST_IN_ISLAND = 2e-3
 """The same for a body in contact with others, whose motion adds to its own."""
-SAMPLES_TO_SLEEP = 5
-"""Consecutive samples at rest after which a body falls asleep."""
+SLOWING = 0.95
+"""What the displacement must be less than, of that four samples before: what creeps, or begins to
+fall over, however slowly, does not fall asleep. Jitter passes that sooner or later."""
+STILL = 1e-7
+"""Displacement between two samples, in RMS radii, of what does not move at all."""
 
 NEAR = 0.02
 """Distance, in RMS radii, within which a change of an obstacle wakes a body."""
@@ -47,7 +50,7 @@ def begin_watching(state: State, indices: Iterable[int]) -> None:
     """Wake bodies, and measure their displacements from the present positions."""
     for index in indices:
         state.anchor[:, state.columns(index)] = state.positions(index)
-        state.still_samples[index] = 0
+        state.still_samples[index], state.moved[index] = 0, 0.0
 
 
 class BodyBoxes:
@@ -120,7 +123,7 @@ def update_sleep(
     displacement /= state.scales
     if not (displacement < AT_REST_IN_ISLAND).any():
         state.still_samples[:] = 0
-        return
+        return  # displacements are compared among samples at rest
     reach = bodies['thickness'] + AT_REST * state.scales + fall
     fixed, driven = pinned
     supported = fixed.copy()
@@ -132,13 +135,16 @@ def update_sleep(
         is_disturbed = disturbed(boxes, obstacles)
         supported |= points.touched(boxes[0] - fall, boxes[1] + fall)
         island = islands(count, *overlapping(*boxes))
-    count_still_samples(island, displacement, is_disturbed, supported, state.still_samples)
+    count_still_samples(
+        island, displacement, state.moved, is_disturbed, supported, state.still_samples
+    )
 
 
 @kernel
 def count_still_samples(
     island: np.ndarray,
     displacement: np.ndarray,
+    moved: np.ndarray,
     disturbed: np.ndarray,
     supported: np.ndarray,
     still_samples: np.ndarray,
@@ -146,7 +152,8 @@ def count_still_samples(
     """
     Count consecutive samples at which islands were at rest and supported.
 
-    The count of an island is that of its newest member.
+    The count of an island is that of its newest member. It stays below that of what falls asleep
+    until the largest displacement becomes less.
 
     Parameters
     ----------
@@ -154,6 +161,8 @@ def count_still_samples(
         index of the island of each body
     displacement : (B,) float
         since the last sample, RMS radii
+    moved : (B, SAMPLES_TO_SLEEP - 1) float
+        the same of the samples before, the newest first; changed
     disturbed, supported : (B,) bool
         by moving obstacles; by pins, obstacles or points at rest
     still_samples : (B,) int
@@ -162,6 +171,7 @@ def count_still_samples(
     """
     size, least = np.zeros(len(island), np.int64), np.full(len(island), SAMPLES_TO_SLEEP)
     is_at_rest, has_support = np.ones(len(island), np.bool_), np.zeros(len(island), np.bool_)
+    now, before = np.zeros(len(island)), np.zeros(len(island))
     for k in range(len(island)):
         size[island[k]] += 1
     for k in range(len(island)):
@@ -170,9 +180,16 @@ def count_still_samples(
         is_at_rest[number] = is_at_rest[number] and displacement[k] < limit and not disturbed[k]
         has_support[number] = has_support[number] or supported[k]
         least[number] = min(least[number], still_samples[k])
+        now[number] = max(now[number], displacement[k])
+        before[number] = max(before[number], moved[k, SAMPLES_TO_SLEEP - 2])
+        for sample in range(SAMPLES_TO_SLEEP - 2, 0, -1):
+            moved[k, sample] = moved[k, sample - 1]
+        moved[k, 0] = displacement[k]
     for k in range(len(island)):
         number = island[k]
         still_samples[k] = least[number] + 1 if is_at_rest[number] and has_support[number] else 0
+        if now[number] > max(SLOWING * before[number], STILL):
+            still_samples[k] = min(still_samples[k], SAMPLES_TO_SLEEP - 1)
 
 
 def wake_touching(state: State, boxes: Boxes, obstacles: Sequence[Obstacle]) -> None:

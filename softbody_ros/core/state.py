@@ -10,7 +10,7 @@ shapes. So one kernel call processes all bodies.
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,19 +18,28 @@ from softbody_ros.core.body import BODY, identity
 from softbody_ros.core.config import BodyConfig
 from softbody_ros.core.contact.exchange import rearranged
 from softbody_ros.core.contact.rows import NO_MEMORY
+from softbody_ros.core.shape_matching.material import Material
 from softbody_ros.core.shape_matching.pins import Pins
 from softbody_ros.core.shape_matching.regions import REGION, Regions
 from softbody_ros.core.shape_matching.rest_shape import SHAPE, RestShape
 
+SAMPLES_TO_SLEEP = 5
+"""Consecutive samples at rest after which a body falls asleep, see `sleeping`."""
+
 
 @dataclass
 class Body:
-    """One body: its settings, rest shape, regions and pins; its particles are in `State`."""
+    """
+    One body: its settings, rest shape, regions and pins; its particles are in `State`.
+
+    The material is that of its settings, once they are in use.
+    """
 
     config: BodyConfig
     rest: RestShape
     regions: Regions | None = None
     pins: Pins | None = None
+    material: Material = field(init=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +59,8 @@ class BodyState:
         positions at the last sample of its displacement, m
     still_samples : int
         consecutive samples at rest, see `sleeping`
+    moved : (SAMPLES_TO_SLEEP - 1,) float
+        displacements between the last samples, RMS radii
     since : int
         tick from which on `total` is summed up
     total : (2, 3) float
@@ -71,6 +82,7 @@ class BodyState:
     reaction: np.ndarray
     anchor: np.ndarray
     still_samples: int
+    moved: np.ndarray
     since: int
     total: np.ndarray
     touched: np.ndarray
@@ -221,7 +233,7 @@ class State:
     reaction : (B, 2, 3) float
         force, m/s², and torque about the centre of mass, m²/s², of all contacts, per mass
     anchor : (3, N) float
-    still_samples : (B,) int
+    still_samples, moved : (B,) int, (B, SAMPLES_TO_SLEEP - 1) float
         see `BodyState`
     contact_memory : (r,) MEMORY
         forces of contacts at the last tick, in order of their keys
@@ -258,6 +270,7 @@ class State:
         self.anchor = np.zeros((3, first))
         self.contact_memory = NO_MEMORY
         self.still_samples = np.zeros(len(bodies), np.int64)
+        self.moved = np.zeros((len(bodies), SAMPLES_TO_SLEEP - 1))
         self.scales = np.array([body.rest.scale for body in bodies])
         self.since = np.zeros(len(bodies), np.int64)
         self.normal_impulse = np.zeros((2, first))
@@ -406,6 +419,7 @@ class State:
             self.reaction[index].copy(),
             self.anchor[:, self.columns(index)].copy(),
             int(self.still_samples[index]),
+            self.moved[index].copy(),
             int(self.since[index]),
             self.bodies['total'][index].copy(),
             touched,
@@ -423,7 +437,7 @@ class State:
         self.set_plastic_state(index, saved.stretch)
         self.reaction[index] = saved.reaction
         self.anchor[:, self.columns(index)] = saved.anchor
-        self.still_samples[index] = saved.still_samples
+        self.still_samples[index], self.moved[index] = saved.still_samples, saved.moved
         self.since[index], self.bodies['total'][index] = saved.since, saved.total
         self.bodies['flattened'][index] = saved.flattened
         self.holding[index], self.holder_impulse[index] = saved.holding, saved.holder_impulse

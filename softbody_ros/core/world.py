@@ -53,7 +53,13 @@ from softbody_ros.core.prepared_config import (
     shared,
 )
 from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
-from softbody_ros.core.shape_matching.gains import KAPPA, natural_frequency, put_gains
+from softbody_ros.core.shape_matching.gains import put_gains
+from softbody_ros.core.shape_matching.material import (
+    KAPPA,
+    Material,
+    make_material,
+    require_volume,
+)
 from softbody_ros.core.shape_matching.pins import Pins, make_pins, pinned_particles
 from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
 from softbody_ros.core.shape_matching.regions import Regions, make_regions
@@ -240,7 +246,7 @@ class World:
             applied = [wrench for wrench in (common, wrenches.get(name)) if wrench is not None]
             records['has_wrench'][index] = bool(applied)
             for wrench in applied:
-                wrench_per_mass = np.stack([wrench.force, wrench.torque]) / body.config.mass
+                wrench_per_mass = np.stack([wrench.force, wrench.torque]) / records['mass'][index]
                 records['wrench'][index, int(wrench.in_body_axes)] += wrench_per_mass
                 self._wake(index)
         self._any_wrench = bool(wrenches)
@@ -596,7 +602,7 @@ class World:
                 shape = self._loaded_shape(body)
                 nbytes += 200 * shape[0].particle_count
             if shape is not None:
-                pinned_particles(body, shape[0])
+                _require_possible(body, shape[0])
                 if is_new:
                     shapes[body.name] = shape
         made = {
@@ -691,6 +697,7 @@ class World:
     def _make_body(self, config: BodyConfig) -> Body:
         """Return a body, which shares its rest shape with others of the same mesh."""
         rest, regions = self._shape_of(config)
+        _require_possible(config, rest)
         return Body(config, rest, regions, make_pins(config, rest))
 
     def _shape_of(self, config: BodyConfig) -> Shape:
@@ -731,11 +738,10 @@ class World:
         self._set_obstacles(self._obstacles)
 
     def _put_gains(self, record: np.void, body: Body) -> None:
-        is_attached = body.pins is not None and body.pins.offset is not None
-        put_gains(
-            record, body.config, self.config.time_step, self.config.reference_step,
-            is_attached=is_attached,
-        )  # fmt: skip
+        step = self.config.reference_step
+        has_goals = body.pins is not None or body.regions is not None
+        body.material = make_material(body.config, body.rest, step, has_goals, body.regions)
+        put_gains(record, body.config, body.material, self.config.time_step, step)
 
     def _apply_config(self) -> None:
         """Update what depends on the config and on the rest shapes."""
@@ -1002,9 +1008,8 @@ class World:
         body = self._bodies[index]
         frequency = 0.0
         if body.config.mode != 'rigid':
-            frequency = natural_frequency(body.config.stiffness, self.config.reference_step)
-            record = self._state.bodies[index]
-            if not record['regions'] and not record['pins']:
+            frequency = body.material.frequency
+            if not body.material.has_goals:
                 # particles by themselves are stiffer than the body
                 frequency *= KAPPA
         self._state.velocities(index)[:] += poke.velocity_change(
@@ -1012,7 +1017,7 @@ class World:
             body.rest,
             np.array(point),
             radius,
-            impulse / body.config.mass,
+            impulse / self._state.bodies['mass'][index],
             frequency,
         )
         self._wake(index)
@@ -1163,7 +1168,7 @@ class World:
         _require_same_structure(self.config, config)
         for index, (body, new) in enumerate(zip(self._bodies, config.bodies, strict=True)):
             if new is not body.config:
-                pinned_particles(new, body.rest)
+                _require_possible(new, body.rest)
                 if new.attachment != body.config.attachment and not lenient:
                     self._check_attachment(index, new)
 
@@ -1174,6 +1179,10 @@ class World:
         Those that the given config, of another time, contains as well get its parameters.
         """
         return with_structure(config, self.config)
+
+    def material(self, name: str) -> Material:
+        """Return mass and stiffness of a body, from whichever settings say them."""
+        return self._bodies[self._index_of(name)].material
 
     def body_config(self, name: str) -> BodyConfig:
         """Return the config of a body."""
@@ -1188,7 +1197,7 @@ class World:
         `MeanWrenches` for means over several ticks.
         """
         index = self._index_of(name)
-        force, torque = self._bodies[index].config.mass * self._state.reaction[index]
+        force, torque = self._state.bodies['mass'][index] * self._state.reaction[index]
         return force, torque
 
     def obstacle_wrench(self, name: ObstacleKey) -> tuple[np.ndarray, np.ndarray]:
@@ -1232,7 +1241,7 @@ class World:
         acted on it.
         """
         index = self._index_of(name)
-        force, torque = self._bodies[index].config.mass * self._state.holding[index]
+        force, torque = self._state.bodies['mass'][index] * self._state.holding[index]
         return force, torque
 
     def pin_impulse(self, name: str) -> ContactImpulse:
@@ -1404,6 +1413,12 @@ def _regions_of(body: BodyConfig, rest: RestShape) -> Regions | None:
     if not body.regions_count:
         return None
     return make_regions(rest, body.regions_count, body.regions_overlap)
+
+
+def _require_possible(body: BodyConfig, rest: RestShape) -> None:
+    """Raise ConfigError if the settings of a body ask for what its mesh has not."""
+    pinned_particles(body, rest)
+    require_volume(body, rest)
 
 
 def _rows(values: ArrayLike, count: int, what: str) -> np.ndarray:

@@ -50,8 +50,9 @@ parameters, most of which change while it runs ('ball' and 'ground' are names):
   bodies, obstacles    the names of what is in the scene: set them to add and remove
   ball.mesh            with .size and .subdivisions: what it is; .color
   ball.position        and .orientation, .initial_velocity: how it starts
-  ball.mode            rigid, linear or quadratic; .stiffness, .bounciness, .deformation,
-                       .volume_conservation, .damping, .mass: how it deforms
+  ball.mode            rigid, linear or quadratic; .stiffness, or .natural_frequency, or
+                       .young_modulus; .bounciness, .deformation, .volume_conservation, .damping
+  ball.mass            or .density: what it weighs
   ball.elasticity      how it bounces; .friction, .friction_model, .thickness: how it touches
   ball.regions         local bending; .plasticity: dents that stay; .pins, .attach: held vertices
   ground.type          and .mesh, .size, .position, .orientation, .velocity of an obstacle;

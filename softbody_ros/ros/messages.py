@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+import math
 import struct
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from visualization_msgs.msg import Marker
 from softbody_ros.core import RigidFit
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.config import Setting
+from softbody_ros.core.shape_matching.material import Material, stiffness_at
 from softbody_ros.ros.cdr import ENCAPSULATION, CdrWriter
 
 POINT_FIELDS = (
@@ -39,6 +41,8 @@ POINT_FIELDS = (
 )
 NUMBER_IN_POINTS = ' number in ~/points'
 """After the name of a body, in the diagnostics: its number in the field `body`."""
+PREFIXES = {9: 'G', 6: 'M', 3: 'k'}
+"""Of units, by powers of ten."""
 POINT_TYPE = np.dtype([(name, '<f4' if kind == PointField.FLOAT32 else '<u4')
                        for name, kind in POINT_FIELDS])  # fmt: skip
 
@@ -304,6 +308,29 @@ def _fill(target: object, names: str, values: np.ndarray) -> None:
     for name, value in zip(names, values, strict=True):
         # rclpy serializes NumPy scalars wrongly
         setattr(target, name, float(value))
+
+
+def material_text(material: Material, mode: str, reference_step: float) -> str:
+    """
+    Return how stiff and heavy a body is, by each of the settings that can say it.
+
+    Such as '13.8 Hz, as 1.2 kPa, as stiffness 0.5; 1 kg, 1.9 kg/m³'.
+    """
+    stiffness = [f'{material.frequency / (2 * math.pi):.3g} Hz']
+    if material.young_modulus > 0.0:
+        stiffness.append(_with_prefix(material.young_modulus, 'Pa'))
+    equivalent = stiffness_at(material.frequency, reference_step)
+    if equivalent is not None:
+        stiffness.append(f'stiffness {equivalent:.3g}')
+    mass = [f'{material.mass:.4g} kg']
+    if material.density > 0.0:
+        mass.append(f'{material.density:.4g} kg/m³')
+    return f'{"rigid" if mode == "rigid" else ", as ".join(stiffness)}; {", ".join(mass)}'
+
+
+def _with_prefix(value: float, unit: str) -> str:
+    power = next((power for power in PREFIXES if value >= 10.0**power), 0)
+    return f'{value / 10.0**power:.3g} {PREFIXES.get(power, "")}{unit}'
 
 
 def diagnostics(

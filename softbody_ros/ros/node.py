@@ -32,7 +32,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
-from softbody_ros.core.shape_matching.gains import damping_ratio, natural_frequency
+from softbody_ros.core.shape_matching.gains import damping_ratio
 from softbody_ros.core.warm_up import compile_ahead
 from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
 from softbody_ros.ros.body_frames import BodyFrames
@@ -448,8 +448,11 @@ class SimNode(Node):
             )
         for body in self._world.config.bodies:
             values[body.name + messages.NUMBER_IN_POINTS] = str(self._numbers[body.name])
-            omega = natural_frequency(body.stiffness, self._world.config.reference_step)
-            values[f'{body.name} frequency (Hz)'] = f'{omega / (2 * np.pi):.3f}'
+            material = self._world.material(body.name)
+            values[f'{body.name} frequency (Hz)'] = f'{material.frequency / (2 * np.pi):.3f}'
+            values[f'{body.name} material'] = messages.material_text(
+                material, body.mode, self._world.config.reference_step
+            )
             values[f'{body.name} asleep'] = str(self._world.is_asleep(body.name)).lower()
             values[f'{body.name} damping ratio'] = f'{damping_ratio(body.bounciness):.3f}'
             strain = self._world.permanent_strain(body.name)

@@ -381,12 +381,6 @@ def softness_of(weight: float, count: int) -> float:
 
 
 @helper
-def elasticity_of(body: np.void) -> float:
-    """Return ε of a body at contacts: that of a deformable one is in its damping."""
-    return body['elasticity'] if body['mode'] == RIGID else 0.0
-
-
-@helper
 def along_surface(velocity: Vector, normal: Vector) -> Vector:
     """Return the part of a velocity along a surface."""
     return along(velocity, -dot(velocity, normal), normal)
@@ -395,12 +389,12 @@ def along_surface(velocity: Vector, normal: Vector) -> Vector:
 @helper
 def put_laws(row: np.void, body: np.void, friction: float, elasticity: float) -> None:
     """Write friction and ε of a contact of a body with an obstacle, with values of its own."""
-    own, rebound = body['friction'], elasticity_of(body)
+    own, rebound = body['friction'], body['elasticity']
     if friction >= 0.0:
         own = math.sqrt(own * friction)
         if not body['coulomb']:
             own = min(own, 1.0)
-    if elasticity >= 0.0:
+    if elasticity >= 0.0 and body['mode'] == RIGID:
         rebound = math.sqrt(rebound * elasticity)
     put_friction(row, body['coulomb'], own)
     row['elasticity'] = rebound
@@ -525,7 +519,7 @@ def put_face_row(
         if one['coulomb'] != body['coulomb']:
             friction = one['friction'] if one['coulomb'] else body['friction']
         put_friction(row, coulomb, friction)
-        row['elasticity'] = math.sqrt(elasticity_of(one) * elasticity_of(body))
+        row['elasticity'] = math.sqrt(one['elasticity'] * body['elasticity'])
         return minus(column_of(v[one['now']], column), face_velocity)
     point_set = sets[owner - len(members)]
     row['one'], row['two'], row['of_face'] = other, -1, True

@@ -9,15 +9,13 @@ import math
 import numpy as np
 
 from softbody_ros.core.config import MODES, BodyConfig
+from softbody_ros.core.shape_matching.material import KAPPA, Material, volume_stiffness
 
-KAPPA = 3.0
-"""Frequency of the residual of a particle, which no goal follows, relative to that of α_s: short
-waves of a solid are stiffer than its long ones."""
 LEAST_RESIDUAL_DAMPING = 0.7
 """Damping ratio of the residual: undamped, a particle could be held by no force at ω h = 2π."""
-INCOMPRESSIBLE, STIFF = 3e3, 9.0
-"""Largest frequency of changes of volume, rad/s, and its ratio to that of α_s, less 1, from which
-on it is damped critically."""
+STIFF = 9.0
+"""Ratio of the frequency of changes of volume to that of α_s, less 1, from which on their damping
+is critical."""
 CRITICAL_DAMPING = 4
 """Power of `damping` that is the least damping ratio: next to nothing, but critical for what keeps
 no velocity. Undamped, even that would swing to the other side in a tick of more than a quarter of
@@ -25,17 +23,16 @@ its period."""
 ADAPTATION = 0.2
 """Rate, in ω, of the volume of the fit towards that with which the enclosed volume is that at
 rest. Slow beside an impact: control with a delay could feed energy into swings."""
+LARGEST_EXPONENT = 700.0
+"""Beyond which exponentials are no floats."""
+SLOW_IMPACT = 4.0
+"""ω h up to which all of the energy of an impact may be in the deformation."""
 SMALL_PHASE = 0.5
 """ω h below which a power series is exact and differences lose digits."""
 FOLLOWED, RESIDUAL, BREATHING = 0, 1, 2
 """Kinds of modes: deformation that the goal follows, what no goal follows, change of volume."""
 REGULAR, DEGENERATE, TOUCHING = 0, 1, 2
 """States of a body with responses of their own, see `put_gains`."""
-
-
-def natural_frequency(stiffness: float, reference_step: float) -> float:
-    """Return ω in rad/s: cos(ω h₀) = 1 − α_s / 2, the frequency of eq. 9–10 at step h₀."""
-    return math.acos(1.0 - stiffness / 2.0) / reference_step
 
 
 def damping_ratio(bounciness: float) -> float:
@@ -99,21 +96,24 @@ def oscillator_response(
     )
 
 
-def breathing_frequency(followed: float, omega: float, conservation: float) -> float:
+def unresolved_restitution(omega: float, zeta: float, step: float) -> float:
     """
-    Return the frequency of changes of volume, rad/s.
+    Return ε of the contacts of a deformable body whose impact is too short for the tick.
 
-    Its square is that of modes that the goal follows without conservation, grows by all of that of
-    the stiffness at a half, and tends to that of incompressible bodies, which is bounded.
+    That is the one of a damped spring that is let go when it would pull (Schwager, Pöschel 2007,
+    Granular Matter 9, eq. 16–18), less what of the energy may be in the deformation at the end of
+    the tick: the constant force that reverses the velocity v in it deforms by up to 4 v / (ω² h),
+    undamped. For slower ones ε is 0: what is deformed rebounds.
     """
-    square = followed * followed + volume_stiffness(followed, omega, conservation)
-    return min(math.sqrt(square), max(INCOMPRESSIBLE, KAPPA * omega))
-
-
-def volume_stiffness(followed: float, omega: float, conservation: float) -> float:
-    """Return what conservation adds to the square of the frequency of changes of volume, 1/s²."""
-    ratio = conservation / max(1.0 - conservation, 1e-12)
-    return ratio * max(omega * omega - followed * followed, 0.0)
+    phase = omega * step
+    if phase <= SLOW_IMPACT:
+        return 0.0
+    share = math.sqrt(1.0 - (SLOW_IMPACT / phase) ** 2)
+    root = math.sqrt(max(1.0 - zeta * zeta, 0.0))
+    if root < 1e-6:
+        return share * math.exp(-2.0)
+    half = math.pi - math.atan2(2.0 * zeta * root, 1.0 - 2.0 * zeta * zeta)
+    return share * math.exp(-zeta / root * half)
 
 
 def breathing_damping(breathing: float, omega: float) -> float:
@@ -124,10 +124,10 @@ def breathing_damping(breathing: float, omega: float) -> float:
 def put_gains(
     record: np.void,
     body: BodyConfig,
+    material: Material,
     step: float,
     reference_step: float,
     kappa: float = KAPPA,
-    is_attached: bool = False,
 ) -> None:
     """
     Write the gains of a body for one tick into its BODY record.
@@ -139,29 +139,31 @@ def put_gains(
         `creep`, the share of a strain that becomes permanent; `whole_body_weight`, the weight of
         the match of the whole body, where its regions have the rest; and what follows
     body : BodyConfig
+    material : Material
+        of it
     step, reference_step : float
         h and h₀, s
     kappa : float
-        κ of bodies without regions and pins
-    is_attached : bool
-        whether an obstacle holds it, as pins do
+        κ of bodies without goals of their particles
 
     """
     reference_steps = step / reference_step
     friction = body.friction
     if body.friction_model == 'viscous':
         friction = 1.0 - (1.0 - friction) ** reference_steps
-    is_rigid, is_held = body.mode == 'rigid', body.has_pins or is_attached
+    is_rigid = body.mode == 'rigid'
     record['mode'] = MODES.index(body.mode)
-    record['follows_goals'] = not is_rigid and (is_held or body.regions_count > 0)
+    record['follows_goals'] = not is_rigid and material.has_goals
     record['kept_velocity'] = (1.0 - body.damping) ** reference_steps
     record['yield_strain'] = body.plasticity_yield
     record['creep'] = -math.expm1(-body.plasticity_creep * step)
     record['largest_strain'] = body.plasticity_max
     record['whole_body_weight'] = body.regions_whole_body_weight if body.regions_count else 1.0
     record['elasticity'] = body.elasticity
+    if not is_rigid:
+        record['elasticity'] = unresolved_restitution(material.followed, _damping(body), step)
     record['friction'], record['coulomb'] = friction, body.friction_model == 'coulomb'
-    record['thickness'], record['mass'] = body.thickness, body.mass
+    record['thickness'], record['mass'] = body.thickness, material.mass
     record['pins_linear'] = body.pins_velocity_linear
     record['pins_angular'] = body.pins_velocity_angular
     record['pins_shift'] = step * np.array(body.pins_velocity_linear)
@@ -171,13 +173,13 @@ def put_gains(
     record['lasting'] = 1.0
     record['deformation'] = record['volume_conservation'] = 0.0
     if record['follows_goals']:
-        _put_goal_gains(record, body, step, reference_step)
+        _put_goal_gains(record, body, material, step)
     elif not is_rigid:
-        _put_modal_gains(record, body, step, reference_step, kappa)
+        _put_modal_gains(record, body, material, step, kappa)
 
 
 def _put_modal_gains(
-    record: np.void, body: BodyConfig, step: float, reference_step: float, kappa: float
+    record: np.void, body: BodyConfig, material: Material, step: float, kappa: float
 ) -> None:
     """
     Write the responses of the modes of a body in one tick, see `modal_flight`.
@@ -191,10 +193,7 @@ def _put_modal_gains(
     of volume in the stiffness against it; `relaxation` and `compressible` are those of
     `modal_flight.flattened_volume`.
     """
-    alpha, beta = body.stiffness, body.deformation
-    omega = natural_frequency(alpha, reference_step)
-    followed = natural_frequency((1.0 - beta) * alpha, reference_step)
-    breathing = breathing_frequency(followed, omega, body.volume_conservation)
+    omega, followed, breathing = material.frequency, material.followed, material.breathing
     record['stiffnesses'] = followed**2, (kappa * omega) ** 2, breathing**2
     record['relaxation'] = -math.expm1(-ADAPTATION * omega * step)
     regular, degenerate, touching = record['responses']
@@ -221,7 +220,7 @@ def _damping(body: BodyConfig, elasticity: float | None = None) -> float:
     return max(damping_ratio(bounciness), body.damping**CRITICAL_DAMPING)
 
 
-def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_step: float) -> None:
+def _put_goal_gains(record: np.void, body: BodyConfig, material: Material, step: float) -> None:
     """
     Write the response of particles to their goals in one tick, see `goal_flight`.
 
@@ -232,12 +231,8 @@ def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_st
     that of the damping of what turns by more than a right angle. `stiffnesses` are those at the
     reference step.
     """
-    alpha, beta = body.stiffness, body.deformation
-    omega = natural_frequency(alpha, reference_step)
+    omega, followed, breathing = material.frequency, material.followed, material.breathing
     phase = omega * step
-    followed = natural_frequency((1.0 - beta) * alpha, reference_step)
-    conserved = 1.0 - beta * (1.0 - body.volume_conservation)
-    breathing = natural_frequency(conserved * alpha, reference_step)
     record['stiffnesses'] = followed**2, omega**2, breathing**2
     zeta = _damping(body, 1.0)
     for place, share_of in enumerate((_turned_share, _damped_share)):
@@ -254,7 +249,8 @@ def _put_goal_gains(record: np.void, body: BodyConfig, step: float, reference_st
     for state, zeta in zip((REGULAR, DEGENERATE, TOUCHING), ratios, strict=True):
         zeta = max(zeta, least)
         # of the damped oscillator, by a turn after a loss of velocity
-        cosine = math.cos(math.sqrt(1.0 - zeta * zeta) * phase) / math.cosh(zeta * phase)
+        growth = math.cosh(min(zeta * phase, LARGEST_EXPONENT))
+        cosine = math.cos(math.sqrt(1.0 - zeta * zeta) * phase) / growth
         record['responses'][state, RESIDUAL], ahead = turn_about_goal(
             omega, math.acos(min(cosine, 1.0)), math.exp(-2.0 * zeta * phase), step
         )

@@ -72,6 +72,8 @@ class Regions:
         pseudo-inverse of Σ w ω q qᵀ
     unspanned : (K, 3, 3) float
         projection on the directions in which a region has no extent
+    spread : float
+        Σ w ω |q|² of all members, relative to the same of the whole shape
 
     """
 
@@ -85,6 +87,7 @@ class Regions:
     mass: np.ndarray
     inverse: np.ndarray
     unspanned: np.ndarray
+    spread: float
 
     @property
     def count(self) -> int:
@@ -169,6 +172,7 @@ def make_regions(
         mass=mass,
         inverse=np.stack([inverse for inverse, _ in pairs]),
         unspanned=np.stack([unspanned for _, unspanned in pairs]),
+        spread=float(np.einsum('kii->', gram)),
     )
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 from math import fsum
 
@@ -123,13 +124,18 @@ class RestShape:
         """Whether the shape extends in all directions, unlike a sheet or a rod."""
         return not self.unspanned_linear.any()
 
-    @property
+    @cached_property
     def enclosed(self) -> float:
         """Enclosed volume of a closed surface, in units of scale³; 0 of an open one."""
         if not self.surface.closed:
             return 0.0
         a, b, c = (self.q[:, corner] for corner in self.surface.faces.T)
         return float((np.cross(a, b, axis=0) * c).sum() / 6.0)
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume of a closed surface, m³; 0 of an open one."""
+        return self.enclosed * self.scale**3
 
     @property
     def particle_count(self) -> int:
