@@ -822,7 +822,7 @@ def resolve_island(
     if acting > 0:
         impulses = first_rows(problem, acting)
         residual, sweeps, steps = solve(impulses, tolerance / h, mass)
-        impact = any_impact(impulses.rows) and all_still(members, impulses.rows) and not is_soft
+        impact = any_impact(impulses.rows) and all_still(members, impulses.rows)
         most = energy_after(members, impulses.rows) if impact else 0.0
         if most > (1.0 + GAIN) * energy:
             # simultaneous rebounds with friction could gain energy: it is convex in their share

@@ -224,9 +224,10 @@ def _put_goal_gains(record: np.void, body: BodyConfig, material: Material, step:
     """
     Write the response of particles to their goals in one tick, see `goal_flight`.
 
-    A deformation of which goals follow the share f turns by φ' with cos φ' = f + (1 − f) cos φ in
-    a tick, φ = ω h, undamped; f = β of the whole body is replaced such that its frequency is the
-    same at any step, and, for the velocity of goals, its damping ratio ζ. `responses` have, in
+    A deformation of which goals follow the share β turns by φ' with cos φ' = β + (1 − β) cos φ in
+    a tick, undamped: φ, ω h at the reference step, is such that its frequency is the same at any
+    step. So forces at rest do not depend on the step; nor does the damping ratio ζ, for which
+    goals follow another share of the velocity. `responses` have, in
     place of Γ₃, the share of the velocity relative to the goals that damping leaves; `lasting` is
     that of the damping of what turns by more than a right angle. `stiffnesses` are those at the
     reference step.
@@ -235,13 +236,14 @@ def _put_goal_gains(record: np.void, body: BodyConfig, material: Material, step:
     phase = omega * step
     record['stiffnesses'] = followed**2, omega**2, breathing**2
     zeta = _damping(body, 1.0)
-    for place, share_of in enumerate((_turned_share, _damped_share)):
-        if phase > 0.0:
-            beta_at = 1.0 - share_of(followed * step, phase, zeta)
-            record['deformation'][place] = beta_at
-            if beta_at > 0.0:
-                kept = (1.0 - share_of(breathing * step, phase, zeta)) / beta_at
-                record['volume_conservation'][place] = 1.0 - kept
+    record['deformation'] = body.deformation, 0.0
+    record['volume_conservation'] = body.volume_conservation, 0.0
+    if phase > 0.0:
+        record['deformation'][1] = share = 1.0 - _damped_share(followed * step, phase, zeta)
+        if share > 0.0:
+            kept = (1.0 - _damped_share(breathing * step, phase, zeta)) / share
+            record['volume_conservation'][1] = 1.0 - kept
+    turn = _residual_turn(followed * step, phase, body.deformation)
     # what turns by more than a right angle in a tick cannot swing with its goal
     least = LEAST_RESIDUAL_DAMPING * min(max(2.0 * phase / math.pi - 1.0, 0.0), 1.0)
     record['lasting'] = math.exp(-2.0 * least * phase)
@@ -249,8 +251,8 @@ def _put_goal_gains(record: np.void, body: BodyConfig, material: Material, step:
     for state, zeta in zip((REGULAR, DEGENERATE, TOUCHING), ratios, strict=True):
         zeta = max(zeta, least)
         # of the damped oscillator, by a turn after a loss of velocity
-        growth = math.cosh(min(zeta * phase, LARGEST_EXPONENT))
-        cosine = math.cos(math.sqrt(1.0 - zeta * zeta) * phase) / growth
+        growth = math.cosh(min(zeta * turn, LARGEST_EXPONENT))
+        cosine = math.cos(math.sqrt(1.0 - zeta * zeta) * turn) / growth
         record['responses'][state, RESIDUAL], ahead = turn_about_goal(
             omega, math.acos(min(cosine, 1.0)), math.exp(-2.0 * zeta * phase), step
         )
@@ -292,9 +294,11 @@ def turn_about_goal(
     return (1.0 - change, velocity, -omega * sine, 1.0 - change, position, velocity, kept), time
 
 
-def _turned_share(slow: float, phase: float, _: float) -> float:
-    """Return 1 − f, for which goals let a deformation turn by the angle `slow` in a tick."""
-    return (math.sin(min(slow, math.pi) / 2.0) / math.sin(min(phase, math.pi) / 2.0)) ** 2
+def _residual_turn(slow: float, phase: float, share: float) -> float:
+    """Return φ for which what goals follow by a share turns by the angle `slow` in a tick."""
+    if phase >= math.pi or share == 1.0:
+        return phase
+    return math.acos(max((math.cos(slow) - share) / (1.0 - share), -1.0))
 
 
 def _damped_share(slow: float, phase: float, zeta: float) -> float:

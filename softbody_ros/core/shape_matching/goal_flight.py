@@ -15,8 +15,9 @@ mass, the angular velocity Ω and velocities of deformation u = v − V − Ω �
 
 E is the rotation of the free rigid body by the implicit midpoint rule; Ω' restores the angular
 momentum; b is the centrifugal acceleration, less the angular one that it causes. Damping takes a
-share of the velocity relative to the goals, u_g = (g(r + τ u) − g(r)) / τ; φ and δ are such that
-what no goal follows moves with the exact frequency and decay (`gains.turn_about_goal`).
+share of the velocity relative to the goals, u_g = (g(r + τ u) − g(r)) / τ; φ is such that
+what the goal of the whole body follows has the exact frequency, and, at the reference step, what
+no goal follows (`gains.turn_about_goal`).
 
 The goals are those of the shape r + τ u with τ = tan(φ / 2) / ω: without damping that is to drift
 for τ, to be pulled, and to drift for τ, so that no energy is lost, and a deformation of which they
