@@ -336,6 +336,55 @@ def stack() -> None:
     sheet(panels, 3).save(RESOURCE / 'stack.png', optimize=True)
 
 
+def materials() -> None:
+    """Small things of several materials fall and come to rest; then they are all of jelly."""
+    world, colors = scene_and_colors('small_things')
+    view = camera([0.25, 1.0, -0.45], [-0.16, -0.09], [0.2, 0.3], 980)
+    panels = []
+    for seconds, caption in ((0.0, 'from 20 cm'), (0.3, '0.3 s'), (2.0, 'at rest')):
+        run_to(world, seconds)
+        panels.append(with_caption(photo(world, colors, view), caption))
+    jelly = {'young_modulus': 1500.0, 'mode': 'quadratic'}
+    softened = tuple(dataclasses.replace(body, **jelly) for body in world.config.bodies)
+    world.configure(dataclasses.replace(world.config, bodies=softened))
+    world.reset()
+    run_to(world, 0.26)
+    panels.append(with_caption(photo(world, colors, view), 'all of 1.5 kPa, landing'))
+    sheet(panels, 4).save(RESOURCE / 'materials.png', optimize=True)
+
+
+def squeeze() -> None:
+    """Forces of plates on a cube and on a ball, and those of elastic solids."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    import matplotlib.pyplot as plt
+    from squeezing import cube, forces_of_plates, hertz
+
+    strains, modulus = np.linspace(0.02, 0.25, 12), 1e5
+    figure, panels = plt.subplots(1, 2, figsize=(9, 3.4), layout='constrained')
+    solids = {'cube': ('box', cube, 'E A ε'), 'ball': ('icosphere', hertz, 'Hertz')}
+    for panel, (what, (mesh, law, label)) in zip(panels, solids.items(), strict=True):
+        panel.plot(100 * strains, law(modulus, strains), 'k-', label=label)
+        share = 0.25 if what == 'cube' else 1.0
+        low, high = (1 - share, 1 + share) if what == 'cube' else (0.5, 2.0)
+        panel.fill_between(
+            100 * strains, low * law(modulus, strains), high * law(modulus, strains),
+            color='0.92', label=f'{low:g} … {high:g} times that',
+        )  # fmt: skip
+        values = {'mesh': mesh, 'young_modulus': modulus, 'subdivisions': 3}
+        for name, more, mark in (
+            ('quadratic, 1/60 s', {}, 'o'),
+            ('linear, 1/240 s', {'mode': 'linear'}, '+'),
+            ('8 regions, 1/240 s', {'regions_count': 8}, 'x'),
+        ):
+            forces = forces_of_plates(strains, 1 / 60 if not more else 1 / 240, **values, **more)
+            panel.plot(100 * strains, forces[:, 1], mark, label=name, fillstyle='none')
+        panel.set(title=f'{what} of 10 cm, 100 kPa', xlabel='squeezed by / %', ylabel='force / N')
+        panel.legend(frameon=False, fontsize=8)
+    figure.savefig(RESOURCE / 'squeeze.png', dpi=100)
+
+
 def plates() -> None:
     """A ball between plates bulges, and keeps its volume."""
     ground = ObstacleConfig(name='ground')
@@ -390,7 +439,20 @@ def with_paddle(config: WorldConfig, turn: float) -> WorldConfig:
     return dataclasses.replace(config, obstacles=tuple(turned))
 
 
-DRAWN = (ball, modes, scenes, bodies, contact, grasp, pressure, stack, plates, viewer)
+DRAWN = (
+    ball,
+    modes,
+    scenes,
+    bodies,
+    contact,
+    grasp,
+    pressure,
+    stack,
+    plates,
+    materials,
+    squeeze,
+    viewer,
+)
 PICTURES = {each.__name__: each for each in DRAWN}
 
 

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from scene_files import world_of
+from squeezing import RADIUS, forces_of_plates, hertz
 
 from softbody_ros.core import (
     BodyConfig,
@@ -22,7 +23,6 @@ from softbody_ros.core.shape_matching.gains import unresolved_restitution
 from softbody_ros.core.shape_matching.material import make_material, natural_frequency
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
 
-RADIUS = 0.05
 SOFT = ('linear', 'quadratic')
 STRAINS = (0.05, 0.1, 0.2)
 
@@ -45,35 +45,11 @@ def change(world, **values):
 
 
 # ------------------------------------------------------------------------------------ squeezed
-def plate(name, z):
-    sizes = (4 * RADIUS, 4 * RADIUS, RADIUS)
-    return ObstacleConfig(name=name, type='box', size=sizes, position=(0, 0, z))
-
-
-def forces_of_plates(h, seconds=0.5, **values):
-    """Return the forces on a lower and an upper plate that squeeze by `STRAINS`, N, (3, 2)."""
-    thing = body(
-        size=RADIUS, density=1000.0, position=(0, 0, 0), friction=0.0, bounciness=0.0, **values
-    )
-    plates = plate('lower', -2 * RADIUS), plate('upper', 2 * RADIUS)
-    world = world_with(thing, h=h, obstacles=plates, gravity_magnitude=0.0)
-    found, before = [], 0.0
-    for strain in STRAINS:
-        for depth in RADIUS * np.linspace(before, strain, 10):
-            world.move_obstacle('lower', (0, 0, depth - 2 * RADIUS))
-            world.move_obstacle('upper', (0, 0, 2 * RADIUS - depth))
-            world.step(max(1, round(0.004 / h)))
-        world.step(round(seconds / h))
-        before = strain
-        found.append([-world.obstacle_wrench('lower')[0][2], world.obstacle_wrench('upper')[0][2]])
-    return np.array(found)
-
-
 @pytest.mark.parametrize('mode', SOFT)
 @pytest.mark.parametrize('modulus', [3e3, 1e5, 1e7])
 def test_plates_feel_the_force_of_an_elastic_cube(mode, modulus):
     analytic = modulus * (2 * RADIUS) ** 2 * np.array(STRAINS)  # E A ε
-    forces = forces_of_plates(1 / 60, mode=mode, mesh='box', young_modulus=modulus)
+    forces = forces_of_plates(STRAINS, 1 / 60, mode=mode, mesh='box', young_modulus=modulus)
     assert forces[:, 0] == pytest.approx(analytic, rel=0.25)
     assert forces[:, 1] == pytest.approx(forces[:, 0], rel=1e-6)
 
@@ -81,22 +57,21 @@ def test_plates_feel_the_force_of_an_elastic_cube(mode, modulus):
 @pytest.mark.parametrize('values', [{'regions_count': 6}, {'deformation': 0.0}], ids=str)
 def test_so_they_do_with_regions_and_whatever_the_goal_follows(values):
     analytic = 1e4 * (2 * RADIUS) ** 2 * np.array(STRAINS)
-    forces = forces_of_plates(1 / 120, mesh='box', young_modulus=1e4, **values)
+    forces = forces_of_plates(STRAINS, 1 / 120, mesh='box', young_modulus=1e4, **values)
     assert forces[:, 0] == pytest.approx(analytic, rel=0.25)
 
 
 @pytest.mark.parametrize('mode', SOFT)
 def test_a_ball_is_within_a_factor_of_two_of_hertz(mode):
-    forces = forces_of_plates(1 / 60, mode=mode, young_modulus=1e4, subdivisions=3)[:, 1]
-    # of a ball on a plane, with Poisson's ratio 1/2: 4/3 E / (1 − ν²) √R δ^(3/2)
-    hertz = 4 / 3 * 1e4 / 0.75 * RADIUS**2 * np.array(STRAINS) ** 1.5
-    assert (0.5 * hertz < forces).all() and (forces < 2.0 * hertz).all()
+    forces = forces_of_plates(STRAINS, 1 / 60, mode=mode, young_modulus=1e4, subdivisions=3)[:, 1]
+    analytic = hertz(1e4, np.array(STRAINS))
+    assert (0.5 * analytic < forces).all() and (forces < 2.0 * analytic).all()
 
 
 @pytest.mark.parametrize('values', [{}, {'regions_count': 6}], ids=['whole', 'regions'])
 def test_static_forces_do_not_depend_on_the_step(values):
     found = [
-        forces_of_plates(h, mode='linear', mesh='box', young_modulus=2e5, **values)
+        forces_of_plates(STRAINS, h, mode='linear', mesh='box', young_modulus=2e5, **values)
         for h in (1 / 60, 1 / 240, 1 / 1000)
     ]
     assert found[1] == pytest.approx(found[0], rel=1e-4)
@@ -128,14 +103,14 @@ def test_modulus_and_frequency_say_the_same(modulus, conservation, has_goals):
 
 
 def test_frequency_falls_with_size_and_grows_with_stiffness():
-    def hertz(**values):
-        return material_of(body(density=1000.0, **values)).frequency / (2 * math.pi)
+    def frequency(**values):
+        return material_of(body(density=1000.0, **values)).frequency
 
-    assert hertz(young_modulus=1e4, size=0.05) == pytest.approx(
-        10 * hertz(young_modulus=1e4, size=0.5), rel=0.02
+    assert frequency(young_modulus=1e4, size=0.05) == pytest.approx(
+        10 * frequency(young_modulus=1e4, size=0.5), rel=0.02
     )
-    assert hertz(young_modulus=4e6, size=0.05) == pytest.approx(
-        2 * hertz(young_modulus=1e6, size=0.05), rel=0.02
+    assert frequency(young_modulus=4e6, size=0.05) == pytest.approx(
+        2 * frequency(young_modulus=1e6, size=0.05), rel=0.02
     )
 
 
@@ -197,8 +172,8 @@ KINDS = {
 @pytest.mark.parametrize('h', [1 / 60, 1 / 240])
 def test_any_frequency_is_stable_at_any_step(kind, h):
     weights = make_rest_shape(make_surface('icosphere', RADIUS, 1)).weights
-    for hertz in (10.0, 50.0, 300.0, 1e4, 1e6):
-        values = KINDS[kind] | {'natural_frequency': hertz, 'subdivisions': 1}
+    for frequency in (10.0, 50.0, 300.0, 1e4, 1e6):
+        values = KINDS[kind] | {'natural_frequency': frequency, 'subdivisions': 1}
         world = world_with(body(size=RADIUS, position=(0, 0, 0.25), **values), h=h)
         most = 9.81 * 0.25
         for _ in range(round(1.0 / h)):
@@ -207,7 +182,7 @@ def test_any_frequency_is_stable_at_any_step(kind, h):
             assert x[:, 2].min() > -1e-4 * RADIUS
             energy = (weights * (9.81 * x[:, 2] + 0.5 * (v * v).sum(axis=1))).sum()
             # what approaches at the end of a tick has been accelerated for all of it
-            assert energy < 1.02 * most, hertz
+            assert energy < 1.02 * most, frequency
             assert np.linalg.norm(x.mean(axis=0)[:2]) < 0.5
 
 
