@@ -36,7 +36,7 @@ def test_table_has_what_the_design_lists():
     scene += 'poke.impulse history.memory publish_tf gravity.magnitude gravity.direction '
     scene += 'bodies obstacles'
     body = 'mesh size subdivisions position orientation initial_velocity.linear '
-    body += 'initial_velocity.angular mass mode stiffness bounciness deformation elasticity '
+    body += 'initial_velocity.angular mass mass_distribution mode stiffness bounciness deformation elasticity '
     body += 'friction friction_model volume_conservation damping thickness color '
     body += 'regions.count regions.overlap regions.whole_body_weight '
     body += 'plasticity.yield plasticity.creep plasticity.max '
