@@ -269,7 +269,7 @@ def make_solid_rest_shape(surface: Surface) -> RestShape:
     """
     shares = _shares_of(_areas_around(surface))
     inside = fill(surface, shares, _rms_radius(surface, shares))
-    weights = np.concatenate([inside.surface_share * shares, inside.weights])
+    weights = np.concatenate([inside.surface, inside.weights])
     return make_rest_shape(surface, weights, inside.points)
 
 

@@ -18,8 +18,12 @@ t is the largest share at which M has no negative eigenvalue, since particles yi
 their own masses. The inner particles are at the mean ± r e for each eigenvector e of M with an
 eigenvalue λ > 0; all have the same distance r = √(Σ λ / (1 − t)) in these coordinates, the least
 one possible, and masses (1 − t) λ / (2 Σ λ). Where M vanishes (a ball, a cube) there is one, at
-the centre. For t → 0, r is √3: a bound on r, for bodies with much area where little mass is, has
-solutions too.
+the centre. For t → 0, r is √3: a bound on r, for bodies with much area and little mass in the
+middle, has solutions too.
+
+A thin fin has much area and little mass. No point of a convex body has |y|² > 15 (the corners of a
+tetrahedron do; Kannan, Lovász, Simonovits, Discrete Comput. Geom. 13, 1995, theorem 4.1); area
+beyond counts by (15 / |y|²)², so that fins do not take the mass from all of the surface.
 """
 
 from __future__ import annotations
@@ -33,6 +37,8 @@ from softbody_ros.core.geometry.mesh import MeshError, Surface
 
 FARTHEST = 2.0
 """Bound on r: distance of inner particles from their mean, in RMS extents of the solid."""
+CONVEX = 15.0
+"""Largest |y|² in a convex body."""
 LEAST = 1e-11
 """Eigenvalue of M below which inner particles do not extend that way."""
 THINNEST = 1e-9
@@ -49,16 +55,16 @@ class Inside:
 
     Attributes
     ----------
-    surface_share : float
-        t, the share of the mass that the particles of the surface have, by area
+    surface : (n,) float
+        share of the mass that each particle of the surface has; they sum to t
     points : (k, 3) float
         inner particles in the body's own frame, m
     weights : (k,) float
-        their shares of the mass; with t they sum to 1
+        their shares of the mass, 1 − t in all
 
     """
 
-    surface_share: float
+    surface: np.ndarray
     points: np.ndarray
     weights: np.ndarray
 
@@ -151,6 +157,8 @@ def fill(surface: Surface, shares: np.ndarray, scale: float) -> Inside:
         )
     offsets = (surface.vertices - solid.centre).T / scale
     y = _solved(root, offsets)
+    shares = shares * (CONVEX / np.maximum((y * y).sum(axis=0), CONVEX)) ** 2
+    shares /= shares.sum()
     mean = np.array([(shares * axis).sum() for axis in y])
     second = np.empty((3, 3))
     for i in range(3):
@@ -167,7 +175,7 @@ def fill(surface: Surface, shares: np.ndarray, scale: float) -> Inside:
         inner = [inner[0] + sign * arm for arm in arms for sign in (1.0, -1.0)]
         weights = [mass for mass in masses for _ in range(2)]
     offset = [[sum(root[i, k] * y[k] for k in range(3)) for i in range(3)] for y in inner]
-    return Inside(share, solid.centre + scale * np.array(offset), np.array(weights))
+    return Inside(share * shares, solid.centre + scale * np.array(offset), np.array(weights))
 
 
 def _largest_share(mean: np.ndarray, second: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
