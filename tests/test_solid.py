@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mass inside a closed surface: the moments of the volume, by hidden inner particles."""
 
+from core_helpers import sheet
 import numpy as np
 import pytest
 from solids import box, closed_surfaces, hollow_ball, hull, moved, of_the_solid
 import trimesh
 
-from core_helpers import sheet
 from softbody_ros.core import MeshError, Surface, make_surface
 from softbody_ros.core.shape_matching.regions import make_regions
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape, make_solid_rest_shape

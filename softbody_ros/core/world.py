@@ -1036,9 +1036,7 @@ class World:
         """
         place = np.array(point, dtype=float)[:, None]
         distances = {
-            name: float(
-                np.linalg.norm(self._state.surface_positions(index) - place, axis=0).min()
-            )
+            name: float(np.linalg.norm(self._state.surface_positions(index) - place, axis=0).min())
             for name, index in self._index.items()
         }
         name = min(distances, key=lambda name: distances[name], default='')
