@@ -12,7 +12,9 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from solids import box, cone, hull, l_shape, moved, of_the_solid
 
+from softbody_ros.bake.film import Film
 from softbody_ros.core import ConfigError, MeshError, ObstacleConfig, World, WorldConfig
+from softbody_ros.scene.parameters import make_scene
 
 GRAVITY = 9.81
 MODES = ('rigid', 'linear', 'quadratic')
@@ -77,7 +79,6 @@ def test_a_cone_tips_where_its_centre_of_mass_says(mode, distribution, below, ab
         assert tilt > 10.0 if tips else tilt < 0.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(('distribution', 'share'), [('volume', 5 / 7), ('surface', 3 / 5)])
 def test_a_ball_rolls_down_a_slope(distribution, share):
     """With that share of g sin θ; facets take the rest."""
@@ -212,6 +213,14 @@ def test_inner_particles_are_not_published(regions):
     x = all_particles(world)[1]
     assert x.shape == (3, world.rest_shape('body').particle_count)
     assert x[:, :count].T.tobytes() == world.positions('body').tobytes()
+
+
+def test_a_film_shows_vertices_only():
+    scene = make_scene({'ball.subdivisions': 2, 'ball.mass_distribution': 'volume'})
+    film = Film(scene, 0.1, 20.0)
+    assert film.world.rest_shape('ball').particle_count == 163
+    for frame in film.frames():
+        assert frame.positions['ball'].shape == film.surface('ball').vertices.shape == (162, 3)
 
 
 def test_its_pose_is_that_of_the_solid():
