@@ -141,6 +141,7 @@ def disturbed(world, name='body', seed=0, shape=0.1, speed=0.5):
     transform = random_rotation(seed) @ (np.eye(3) + shape * random.normal(size=(3, 3)))
     bend = shape * random.normal(size=(3, 6))
     x = rest.scale * (transform @ rest.features[1:4] + bend @ rest.features[4:]).T
+    x = x[: rest.surface_count]
     x += 0.3 * shape * rest.scale * random.normal(size=x.shape)
     v = speed * rest.scale * random.normal(size=x.shape)
     v += np.cross(speed * random.normal(size=3), x) + random.normal(size=3)

@@ -10,8 +10,10 @@ The simulator, a library on NumPy, SciPy, Numba and trimesh; no ROS.
 (642, 3)
 
 `World` (world.py) holds bodies and obstacles and advances them tick by tick. The state (state.py)
-consists of arrays of the particles of all bodies, and a record of each body (body.py). A tick is a
-sequence of stages (step.py), each one or several kernels (compiled.py) over all awake bodies:
+consists of arrays of the particles of all bodies, and a record of each body (body.py). Particles
+are the vertices of a surface; bodies with mass inside (shape_matching/solid.py) have a few more,
+which are matched only. A tick is a sequence of stages (step.py), each one or several kernels
+(compiled.py) over all awake bodies:
 
 1. shape_matching/modal_flight.py, motion without contacts: sum up moments (moments, four particles
    at a time: lanes.py), match the rest shape (eq. 7: polar_decomposition; fit and volume:

@@ -40,7 +40,7 @@ def attach(
     config : BodyConfig
     rest : RestShape
     positions : (n, 3) float
-        m
+        of the surface, m
     obstacles : sequence of Obstacle
     keys : sequence
         of these, see `World.obstacle_keys`
@@ -53,7 +53,7 @@ def attach(
     """
     prefix = f'{config.prefix}attach'
     holding = _rows_of(config, obstacles, keys)
-    chosen = np.zeros(rest.particle_count, dtype=bool)
+    chosen = np.zeros(rest.surface_count, dtype=bool)
     chosen[particles_of(prefix, config.attach_indices, config.attach_box, rest)] = True
     if config.attach_radius:
         distance = np.min([obstacles[row].closest(positions)[0] for row in holding], axis=0)

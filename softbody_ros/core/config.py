@@ -26,6 +26,7 @@ from softbody_ros.core.geometry.mesh import LARGEST_MESH, PRIMITIVES, Surface
 
 MODES = ('rigid', 'linear', 'quadratic')
 FRICTION_MODELS = ('viscous', 'coulomb')
+MASS_DISTRIBUTIONS = ('surface', 'volume')
 OBSTACLE_TYPES = ('plane', 'box', 'sphere', 'capsule', 'cylinder', 'mesh')
 NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 LARGEST = 1e6
@@ -266,6 +267,10 @@ class BodyConfig(Checked):
         unit='m', minimum=1e-4, maximum=1e4, read_only=True,
     )  # fmt: skip
     subdivisions: int = setting(3, 'fineness of a primitive', minimum=0, maximum=8, read_only=True)
+    mass_distribution: str = setting(
+        'surface', 'over the surface, by area, as of a hollow ball; or over the volume that it '
+        'encloses, as of a solid one', choices=MASS_DISTRIBUTIONS, read_only=True,
+    )  # fmt: skip
     position: tuple[float, ...] = _vector(
         (0.0, 0.0, 1.5), 'where the body starts, and returns to on reset', unit='m'
     )
@@ -281,7 +286,7 @@ class BodyConfig(Checked):
         unit='rad/s', minimum=-1e4, maximum=1e4, group='initial_velocity',
     )  # fmt: skip
     mass: float = setting(
-        1.0, 'total, spread over the particles by area', unit='kg', minimum=1e-6, maximum=1e6
+        1.0, 'total, spread as mass_distribution says', unit='kg', minimum=1e-6, maximum=1e6
     )
     density: float = setting(
         0.0, 'mass per enclosed volume, in place of mass; 0: by mass', unit='kg/m³', minimum=0.0,

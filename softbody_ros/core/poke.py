@@ -28,14 +28,15 @@ def velocity_change(
     frequency: float,
 ) -> np.ndarray:
     """
-    Return the changes of the velocities of a body's particles by a poke, (3, n), m/s.
+    Return the changes of the velocities of a body's particles by a poke, (3, N), m/s.
 
     Momentum and angular momentum are those of impulses along the inward normal on the particles
-    within the radius, distributed by a smooth falloff times their masses.
+    within the radius, distributed by a smooth falloff times their masses. It is the surface that
+    is poked; inner particles move with the body.
 
     Parameters
     ----------
-    x : (3, n) float
+    x : (3, N) float
         positions, m
     rest : RestShape
     point : (3,) float
@@ -50,6 +51,7 @@ def velocity_change(
     """
     falloff = 1.0 - ((x - point[:, None]) ** 2).sum(axis=0) / radius**2
     falloff = np.maximum(falloff, 0.0) ** 2
+    falloff[rest.surface_count :] = 0.0
     total = float((falloff * rest.weights).sum())
     if not total > 0.0:
         return np.zeros_like(x)

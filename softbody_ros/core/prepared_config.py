@@ -79,7 +79,7 @@ class ShapeCache:
 def _mesh_key(config: BodyConfig) -> tuple:
     # the number of a Surface is its own as long as there is a rest shape that has it
     if isinstance(config.mesh, Surface):
-        return (id(config.mesh),)
+        return id(config.mesh), config.mass_distribution
     stamp = None
     if config.mesh not in PRIMITIVES:
         try:
@@ -87,7 +87,7 @@ def _mesh_key(config: BodyConfig) -> tuple:
             stamp = file.st_mtime_ns, file.st_size
         except (OSError, ValueError):
             pass  # whoever loads it says so
-    return config.mesh, config.size, config.subdivisions, stamp
+    return config.mesh, config.size, config.subdivisions, config.mass_distribution, stamp
 
 
 def _division(config: BodyConfig) -> tuple[int, int]:

@@ -46,7 +46,7 @@ class RigidFit:
     angular_velocity : (3,) float
         rad/s, world axes
     displacement : (n,) float
-        distance of each particle from the rest shape at this pose, m
+        distance of each particle at the surface from the rest shape at this pose, m
 
     """
 
@@ -63,7 +63,7 @@ def fit_rigid_motion(x: np.ndarray, v: np.ndarray, rest: RestShape) -> RigidFit:
 
     Parameters
     ----------
-    x, v : (3, n) float
+    x, v : (3, N) float
         m, m/s
     rest : RestShape
 
@@ -71,6 +71,7 @@ def fit_rigid_motion(x: np.ndarray, v: np.ndarray, rest: RestShape) -> RigidFit:
     pose, displacement = np.empty((6, 3)), np.empty(x.shape[1])
     x, v = np.ascontiguousarray(x), np.ascontiguousarray(v)
     fit(x, v, rest.weights, rest.q, rest.centre, rest.scale, pose, displacement)
+    displacement = displacement[: rest.surface_count]
     return RigidFit(pose[0], pose[1:4], pose[4], pose[5], displacement)
 
 

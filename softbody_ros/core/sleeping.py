@@ -289,7 +289,7 @@ def find_supported(
                 break
             if not obstacles[number]['moves']:
                 found = find_contacts(
-                    obstacles[number], trees, state, state, body['first'], body['count'],
-                    reach[index], False, nothing, 0,
+                    obstacles[number], trees, state, state, body['first'],
+                    body['count'] - body['inner'], reach[index], False, nothing, 0,
                 )  # fmt: skip
                 result[index] = found > 0

@@ -4,7 +4,8 @@
 The state of all bodies as arrays, which a tick reads and writes.
 
 The particles of all bodies are columns of common arrays, body after body; so are the distinct rest
-shapes. So one kernel call processes all bodies.
+shapes. So one kernel call processes all bodies. Of each body, those at the surface come first;
+inner ones (see shape_matching/solid.py) follow.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class Body:
 @dataclass(frozen=True, eq=False)
 class BodyState:
     """
-    A copy of the state of one body of n particles with K regions.
+    A copy of the state of one body of n particles, inner ones too, with K regions.
 
     Attributes
     ----------
@@ -257,6 +258,7 @@ class State:
             count, regions = body.rest.particle_count, body.regions
             record['id'] = identity(body.config.name)
             record['first'], record['count'] = first, count
+            record['inner'] = len(body.rest.inner)
             record['first_match'] = first_match
             record['regions'] = regions.count if regions else 0
             first, first_match = first + count, first_match + 1 + int(record['regions'])
@@ -350,6 +352,11 @@ class State:
         """Return the columns of the particles of a body."""
         first = int(self.bodies['first'][index])
         return slice(first, first + int(self.bodies['count'][index]))
+
+    def surface_positions(self, index: int) -> np.ndarray:
+        """Return a view of the positions (3, n) of the particles at the surface of a body, m."""
+        record = self.bodies[index]
+        return self.positions(index)[:, : int(record['count'] - record['inner'])]
 
     def positions(self, index: int) -> np.ndarray:
         """Return a view of the positions (3, n) of a body, m."""

@@ -66,6 +66,7 @@ from softbody_ros.core.shape_matching.regions import Regions, make_regions
 from softbody_ros.core.shape_matching.rest_shape import (
     RestShape,
     make_rest_shape,
+    make_solid_rest_shape,
     weighted_mean,
 )
 from softbody_ros.core.state import Body, BodyState, ObstacleTotals, State
@@ -434,6 +435,9 @@ class World:
         """
         Set positions (n, 3), m, or velocities (n, 3), m/s, of a body, and wake it.
 
+        Inner particles follow the surface by its best affine fit to the rest shape. Where the
+        surface is given as it is, they stay as they are; a snapshot keeps them at other times.
+
         Raises
         ------
         ConfigError
@@ -441,13 +445,19 @@ class World:
 
         """
         index = self._index_of(name)
-        count = self._bodies[index].rest.particle_count
+        rest = self._bodies[index].rest
+        count = rest.surface_count
         x = None if positions is None else _rows(positions, count, f'positions of {name}')
         v = None if velocities is None else _rows(velocities, count, f'velocities of {name}')
-        if x is not None:
-            self._state.positions(index)[:] = x.T
-        if v is not None:
-            self._state.velocities(index)[:] = v.T
+        for given, current in (
+            (x, self._state.positions(index)),
+            (v, self._state.velocities(index)),
+        ):
+            if given is None:
+                continue
+            if len(rest.inner) and not np.array_equal(given.T, current[:, :count]):
+                current[:, count:] = rest.inner_following(given.T)
+            current[:, :count] = given.T
         self._wake(index)
 
     def snapshot(self) -> Snapshot:
@@ -629,9 +639,9 @@ class World:
                 continue
             if config.name in prepared.shapes or index is None:
                 shape = prepared.shapes.get(config.name) or self._shape_of(config)
-                x, rest = _start_positions(config, shape[0]).T, shape[0]
+                x, rest = _start_surface(config, shape[0]), shape[0]
             elif config.attachment != self._bodies[index].config.attachment:
-                x, rest = self._state.positions(index).T, self._bodies[index].rest
+                x, rest = self._state.surface_positions(index).T, self._bodies[index].rest
             else:
                 continue
             attach(config, rest, x, present, keys)
@@ -820,7 +830,7 @@ class World:
             self._attached(index, config)
 
     def _attached(self, index: int, config: BodyConfig) -> Pins:
-        x = self._state.positions(index).T
+        x = self._state.surface_positions(index).T
         return attach(config, self._bodies[index].rest, x, self.obstacles, self.obstacle_keys)
 
     def _pins_by(self, index: int, config: BodyConfig) -> Pins | None:
@@ -1031,7 +1041,7 @@ class World:
         """
         place = np.array(point, dtype=float)[:, None]
         distances = {
-            name: float(np.linalg.norm(self._state.positions(index) - place, axis=0).min())
+            name: float(np.linalg.norm(self._state.surface_positions(index) - place, axis=0).min())
             for name, index in self._index.items()
         }
         name = min(distances, key=lambda name: distances[name], default='')
@@ -1257,12 +1267,13 @@ class World:
 
     def normal_forces(self, name: str) -> np.ndarray:
         """
-        Return (n,) float: the normal force at each particle in the last tick, N.
+        Return (n,) float: the normal force at each particle of the surface in the last tick, N.
 
         The sum over its contacts with obstacles, points and faces of bodies, and over contacts of
         faces that it is a corner of, by its share. Of a body asleep, that before it fell asleep.
         """
         impulses = self._state.normal_impulses(self._index_of(name))
+        impulses = impulses[: self.rest_shape(name).surface_count]
         return np.asarray(impulses / self.config.time_step)
 
     def pressure(self, name: str) -> np.ndarray:
@@ -1343,15 +1354,16 @@ class World:
     def start_positions(self, name: str) -> np.ndarray:
         """Return (n, 3) float: the positions to which `reset` takes a body, m."""
         body = self._bodies[self._index_of(name)]
-        return _start_positions(body.config, body.rest).T
+        return _start_surface(body.config, body.rest)
 
     def positions(self, name: str) -> np.ndarray:
-        """Return (n, 3) float: a copy of the positions, m."""
-        return self._state.positions(self._index_of(name)).T.copy()
+        """Return (n, 3) float: a copy of the positions of the surface, m."""
+        return self._state.surface_positions(self._index_of(name)).T.copy()
 
     def velocities(self, name: str) -> np.ndarray:
-        """Return (n, 3) float: a copy of the velocities, m/s."""
-        return self._state.velocities(self._index_of(name)).T.copy()
+        """Return (n, 3) float: a copy of the velocities of the surface, m/s."""
+        count = self.rest_shape(name).surface_count
+        return self._state.velocities(self._index_of(name))[:, :count].T.copy()
 
     @property
     def solver_work(self) -> SolverWork:
@@ -1367,8 +1379,13 @@ class World:
         stretch = self._state.plastic_state(self._index_of(name))
         return 0.0 if stretch is None else largest_permanent_strain(stretch)
 
+    def centre_of_mass(self, name: str) -> np.ndarray:
+        """Return (3,) float: the centre of mass of a body, m, with what is inside."""
+        index = self._index_of(name)
+        return weighted_mean(self._state.positions(index).T, self._bodies[index].rest.weights)
+
     def rigid_fit(self, name: str) -> RigidFit:
-        """Return the best rigid fit to a body, and the distance of each particle from it."""
+        """Return the best rigid fit to a body, and the distance of each vertex from it."""
         index = self._index_of(name)
         x, v = self._state.positions(index), self._state.velocities(index)
         return fit_rigid_motion(x, v, self._bodies[index].rest)
@@ -1399,16 +1416,18 @@ def _rest_shape_of(body: BodyConfig) -> RestShape:
         surface = body.mesh
         if not isinstance(surface, Surface):
             surface = make_surface(surface, body.size, body.subdivisions)
+        if body.mass_distribution == 'volume':
+            return make_solid_rest_shape(surface)
         return make_rest_shape(surface)
     except MeshError as error:
         raise MeshError(f'{body.prefix}{error}') from None
 
 
 def _regions_of(body: BodyConfig, rest: RestShape) -> Regions | None:
-    if body.regions_count > rest.particle_count:
+    if body.regions_count > rest.surface_count:
         raise ConfigError(
             f'{body.prefix}regions.count is {body.regions_count}: the mesh has only '
-            f'{rest.particle_count} vertices'
+            f'{rest.surface_count} vertices'
         )
     if not body.regions_count:
         return None
@@ -1436,9 +1455,14 @@ def _rows(values: ArrayLike, count: int, what: str) -> np.ndarray:
 
 
 def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
-    """Return (3, n) float: the rest shape at the start pose, m."""
+    """Return (3, N) float: all particles of the rest shape at the start pose, m."""
     rotation = Rotation.from_quat(body.orientation).as_matrix()
-    return rotation @ rest.surface.vertices.T + np.array(body.position)[:, None]
+    return rotation @ rest.particles.T + np.array(body.position)[:, None]
+
+
+def _start_surface(body: BodyConfig, rest: RestShape) -> np.ndarray:
+    """Return (n, 3) float: the surface at the start pose, m."""
+    return _start_positions(body, rest)[:, : rest.surface_count].T
 
 
 def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
@@ -1494,8 +1518,8 @@ def _shape_key(config: BodyConfig) -> tuple:
     """Return the key by which bodies share rest shape and regions."""
     regions = (config.regions_count, config.regions_overlap)
     if isinstance(config.mesh, Surface):
-        return id(config.mesh), *regions
-    return config.mesh, config.size, config.subdivisions, *regions
+        return id(config.mesh), config.mass_distribution, *regions
+    return config.mesh, config.size, config.subdivisions, config.mass_distribution, *regions
 
 
 def _with_config(obstacle: Obstacle, config: ObstacleConfig) -> Obstacle:

@@ -48,7 +48,7 @@ services: ~/reset, ~/apply_initial_velocity, ~/pause, ~/step
 
 parameters, most of which change while it runs ('ball' and 'ground' are names):
   bodies, obstacles    the names of what is in the scene: set them to add and remove
-  ball.mesh            with .size and .subdivisions: what it is; .color
+  ball.mesh            with .size, .subdivisions, .mass_distribution: what it is; .color
   ball.position        and .orientation, .initial_velocity: how it starts
   ball.mode            rigid, linear or quadratic; .stiffness, or .natural_frequency, or
                        .young_modulus; .bounciness, .deformation, .volume_conservation, .damping

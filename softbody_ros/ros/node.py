@@ -469,7 +469,7 @@ class SimNode(Node):
             cli_help.where_to_look(
                 self.get_fully_qualified_name(),
                 '/clock' if self._follows_clock() else 'wall time',
-                {name: rest.particle_count for name, rest in rests.items()},
+                {name: rest.surface_count for name, rest in rests.items()},
                 (self._points.topic_name, self._mesh.topic_name),
             )
         )

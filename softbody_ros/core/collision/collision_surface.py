@@ -89,8 +89,8 @@ class CollisionSurface:
     def piece_of_particle(self) -> np.ndarray:
         """(n,) int: piece of each particle."""
         if self.regions is None:
-            return np.zeros(self.rest.particle_count, dtype=np.int64)
-        return self.regions.main_region
+            return np.zeros(self.rest.surface_count, dtype=np.int64)
+        return self.regions.main_region[: self.rest.surface_count]
 
     @property
     def piece_of_face(self) -> np.ndarray:
@@ -100,7 +100,7 @@ class CollisionSurface:
     @cached_property
     def covered(self) -> tuple[np.ndarray, np.ndarray]:
         """(c,) int: particles of pieces and of their faces; (P + 1,) int: first of each piece."""
-        faces, count = self.rest.surface.faces, self.rest.particle_count
+        faces, count = self.rest.surface.faces, self.rest.surface_count
         piece = np.concatenate([self.piece_of_particle, np.repeat(self.piece_of_face, 3)])
         particle = np.concatenate([np.arange(count), faces.ravel()])
         piece, particle = np.divmod(np.unique(piece * count + particle), count)
@@ -116,9 +116,9 @@ class CollisionSurface:
         if self.regions is None:
             return np.zeros((1, 1), dtype=bool)
         particle, first = self.covered
-        count = self.rest.particle_count
+        count = self.rest.surface_count
         covers = csr_array((np.ones(len(particle)), particle, first), (self.pieces, count)).T
-        belongs = covers + self.regions.membership
+        belongs = covers + self.regions.membership[:count]
         return np.asarray((belongs.T @ belongs).toarray() == 0.0)
 
     @cached_property

@@ -127,7 +127,7 @@ def bound_bodies(
     high: np.ndarray,
 ) -> None:
     """
-    Write the boxes around bodies.
+    Write the boxes around the surfaces of bodies.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def bound_bodies(
         body = bodies[indices[place]]
         half = body['now'] ^ ahead
         first = body['first']
-        end = first + body['count']
+        end = first + body['count'] - body['inner']
         for axis in range(3):
             least, largest = bounds_of(x[half, axis, first:end])
             low[place, axis] = least - margin[place]

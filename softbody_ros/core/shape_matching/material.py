@@ -9,16 +9,17 @@ isotropic solid it is V (G |dev e|² + ½ K (tr e)²) (Landau and Lifshitz, Theo
 4.3). With Σ w x xᵀ = s²/3 in each direction both are the same for 2 G = A f and 3 K = A b, A =
 m s² / (3 V), and Young's modulus is 9 K G / (3 K + G) (eq. 5.9). Plates touch only some of the
 particles, which yield by the rest of their displacements, of stiffness r = ω², besides; on two
-faces of a cube that adds f / r of the strain. So
+faces of a cube that adds f / r of the strain, and more where the surface has a share t of the
+mass. So
 
-    E = C · A · 3 b f / (2 b + f) / (1 + f / r).
+    E = C · A · 3 b f / (2 b + f) / (1 + f / (r t)).
 
 Of regions, which follow no strain, f and b have their share, by their squared extent.
 
 C = 1.2 makes up for what that does not describe: a contact of a small area is stiffer here than in
 a solid (Hertz), by about 2. With it, plates without friction that squeeze a cube by 5 to 20 % feel
 0.9 to 1.05 of E A ε, and a ball 1.7 to 1.8 of Hertz's force, with a deformation of 0.5 and volume
-that is conserved; with regions 1.1, and 0.8 to 1.3. Limits: with a deformation of 0.9, or without
+that is conserved; with regions 1.1, and 0.8 to 1.3 (solids: 1.4, and 0.9 to 1.5). Limits: with a deformation of 0.9, or without
 conservation of volume, a ball is up to 3 times as stiff as by Hertz. An elongated body is stiffer
 along its longest axis, and softer along its shortest one, by the ratio of its squared extent to
 the mean.
@@ -29,9 +30,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 import math
 
+import numpy as np
+
 from softbody_ros.core.config import BodyConfig, ConfigError
 from softbody_ros.core.shape_matching.regions import Regions
-from softbody_ros.core.shape_matching.rest_shape import RestShape
+from softbody_ros.core.shape_matching.rest_shape import LINEAR, RestShape
 
 KAPPA = 3.0
 """Frequency of the residual of a particle, which no goal follows, relative to that of α_s: short
@@ -64,7 +67,10 @@ class Material:
     regions_extent : float
         squared extent of regions, relative to that of the body
     volume, extent : float
-        V, m³, 0 of a surface that is not closed, and s, m
+        V, m³, 0 of a surface that is not closed, and the RMS distance s of the mass from its
+        centre, m
+    at_surface : float
+        t, share of the mass
     stiffness, reference_step : float
         α_s and h₀, s, if the frequency is that of these, else 0
 
@@ -79,6 +85,7 @@ class Material:
     regions_extent: float
     volume: float
     extent: float
+    at_surface: float
     stiffness: float = 0.0
     reference_step: float = 0.0
 
@@ -111,7 +118,15 @@ class Material:
             return 0.0
         inertia = self.mass * self.extent**2 / (3.0 * self.volume)
         rest = pull if self.has_goals else KAPPA**2 * pull
-        return SMALL_CONTACTS * inertia * 3.0 * b * f / (2.0 * b + f) / (1.0 + f / rest)
+        return (
+            SMALL_CONTACTS
+            * inertia
+            * 3.0
+            * b
+            * f
+            / (2.0 * b + f)
+            / (1.0 + f / (rest * self.at_surface))
+        )
 
     def _frequency_of(self, share: float) -> float:
         """Return that of a deformation that is pulled by a share of the stiffness, rad/s."""
@@ -149,6 +164,7 @@ def make_material(
     require_volume(body, rest)
     volume = max(rest.volume, 0.0)
     mass = body.density * volume if body.density > 0.0 else body.mass
+    second_moment = float(np.trace(rest.gram[:LINEAR, :LINEAR]))  # Σ w |q|²
     given = Material(
         mass=mass,
         frequency=2.0 * math.pi * body.natural_frequency,
@@ -156,9 +172,10 @@ def make_material(
         volume_conservation=body.volume_conservation,
         has_goals=has_goals,
         regions_weight=0.0 if regions is None else 1.0 - body.regions_whole_body_weight,
-        regions_extent=0.0 if regions is None else regions.spread,
+        regions_extent=0.0 if regions is None else regions.spread / second_moment,
         volume=volume,
-        extent=rest.scale,
+        extent=math.sqrt(second_moment) * rest.scale,
+        at_surface=float(rest.weights[: rest.surface_count].sum()),
     )
     if body.young_modulus > 0.0:
         material = replace(given, frequency=1.0)

@@ -145,7 +145,7 @@ def _holding(particle: np.ndarray, body: BodyConfig, rest: RestShape) -> Pins:
     regions = None
     if body.regions_count:
         regions = make_regions(rest, body.regions_count, body.regions_overlap, weights)
-    matched, still = make_rest_shape(rest.surface, weights), np.zeros(3)
+    matched, still = make_rest_shape(rest.surface, weights, rest.inner), np.zeros(3)
     return Pins(particle, still, still, matched, regions)
 
 
@@ -166,13 +166,13 @@ def particles_of(
     prefix: str, indices: Sequence[int], box: Sequence[float], rest: RestShape
 ) -> np.ndarray:
     """Return the indices of particles that are named, or in a box of the mesh, in order."""
-    beyond = [index for index in indices if index >= rest.particle_count]
+    beyond = [index for index in indices if index >= rest.surface_count]
     if beyond:
         raise ConfigError(
             f'{prefix}.indices has {beyond[0]}: the mesh has the vertices 0 to '
-            f'{rest.particle_count - 1}'
+            f'{rest.surface_count - 1}'
         )
-    chosen = np.zeros(rest.particle_count, dtype=bool)
+    chosen = np.zeros(rest.surface_count, dtype=bool)
     chosen[list(indices)] = True
     if any(box):
         corners = np.reshape(box, (2, 3))

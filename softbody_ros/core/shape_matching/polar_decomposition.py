@@ -58,6 +58,8 @@ LARGEST_INVERSION = 0.01
 """−det A |A| / |cof A|² up to which the formula is used: rounding inverts flat shapes."""
 LEAST_SQUARE, LARGEST_SQUARE = 1e-200, 1e200
 """Range of |A|² by which it is safe to divide."""
+LEAST_ENTRY = 1e-290
+"""Largest entry below which its reciprocal may be no finite number."""
 JACOBI_SWEEPS = 12
 ORTHOGONAL = 1e-15
 """Cosine of columns that count as orthogonal."""
@@ -204,6 +206,9 @@ def rotation_by_singular_values(m: Matrix) -> Matrix:
     largest = largest_entry(m)
     if not 0.0 < largest < math.inf:
         return IDENTITY
+    if largest < LEAST_ENTRY:
+        m = times(1.0 / LEAST_ENTRY, m)
+        largest = largest_entry(m)
     columns, v = orthogonal_columns(times(1.0 / largest, m))
     weakest = 0
     for k in range(1, 3):

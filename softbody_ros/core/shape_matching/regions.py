@@ -47,7 +47,7 @@ REGION = np.dtype(
 @dataclass(frozen=True, eq=False)
 class Regions:
     """
-    Constants of the K regions of a rest shape of n particles, with m members in all.
+    Constants of the K regions of a rest shape of N particles, with m members in all.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class Regions:
         times the weights of the particles
     centre : (K, 3) float
         centres of mass at rest, in the coordinates q of the shape
-    main_region : (n,) int
+    main_region : (N,) int
         the region with the largest weight for each particle
-    membership : (n, K) sparse
+    membership : (N, K) sparse
         1 where a particle is a member
     mass : (K,) float
         mass shares of the regions
@@ -73,7 +73,7 @@ class Regions:
     unspanned : (K, 3, 3) float
         projection on the directions in which a region has no extent
     spread : float
-        Σ w ω |q|² of all members, relative to the same of the whole shape
+        Σ w ω |q|² of all members
 
     """
 
@@ -113,23 +113,31 @@ def make_regions(
     ----------
     rest : RestShape
     count : int
-        K, at most the number of particles; coinciding particles make fewer
+        K, at most the number of vertices; coinciding ones make fewer
     overlap : int
-        regions that each particle belongs to: those of its nearest seeds, with weights that
-        vanish where the next seed is as near
-    weights : (n,) float, optional
+        regions that each vertex belongs to: those of its nearest seeds, with weights that vanish
+        where the next seed is as near; an inner particle belongs to all regions up to twice as
+        far as the nearest, so that the one in the centre of a ball leans to none
+    weights : (N,) float, optional
         of the particles in the matches, by default their masses
 
     """
-    points = (rest.surface.vertices - rest.centre) / rest.scale
-    seeds = farthest_points(points, count)
+    points = (rest.particles - rest.centre) / rest.scale
+    at_surface = points[: rest.surface_count]
+    seeds = farthest_points(at_surface, count)
     count = len(seeds)
     # vertices without faces have no mass, but a region of them needs a centre
     weights = rest.weights if weights is None else weights
     weights = np.maximum(weights.astype(np.float64), 1e-12)
-    member, shares = _shares(points, points[seeds], overlap)
-    particle = np.repeat(np.arange(len(points)), member.shape[1])
-    region, share = member.ravel(), shares.ravel()
+    member, shares = _shares(at_surface, points[seeds], overlap)
+    particle = np.repeat(np.arange(len(at_surface)), member.shape[1])
+    region, share, main_region = member.ravel(), shares.ravel(), member[:, 0].copy()
+    if len(rest.inner):
+        inner, of_inner, its_share = _inner_shares(points[rest.surface_count :], points[seeds])
+        particle = np.concatenate([particle, rest.surface_count + inner])
+        region, share = np.concatenate([region, of_inner]), np.concatenate([share, its_share])
+        nearest = cKDTree(points[seeds]).query(points[rest.surface_count :])[1]
+        main_region = np.concatenate([main_region, nearest])
 
     mass = np.bincount(region, share * weights[particle], count)
     centre = (
@@ -167,7 +175,7 @@ def make_regions(
         features=features,
         weighted_features=weighted_features,
         centre=centre,
-        main_region=member[:, 0].copy(),
+        main_region=main_region,
         membership=csr_array((np.ones(len(particle)), (particle, region)), (len(points), count)),
         mass=mass,
         inverse=np.stack([inverse for inverse, _ in pairs]),
@@ -208,6 +216,19 @@ def _shares(points: np.ndarray, seeds: np.ndarray, overlap: int) -> tuple[np.nda
     closeness = np.maximum(1.0 - distance / np.where(reach > 0.0, reach, 1.0), 0.0) ** 2
     closeness[:, 0] = np.maximum(closeness[:, 0], 1e-6)  # if the next seed is as near
     return member, closeness / closeness.sum(axis=1, keepdims=True)
+
+
+def _inner_shares(
+    points: np.ndarray, seeds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (m,) inner points, the regions that they belong to, and weights that sum to 1."""
+    distance = np.linalg.norm(points[:, None] - seeds[None], axis=2)
+    reach = 2.0 * distance.min(axis=1, keepdims=True)
+    closeness = np.maximum(1.0 - distance / np.where(reach > 0.0, reach, 1.0), 0.0) ** 2
+    closeness[(reach == 0.0) & (distance > 0.0)] = 0.0
+    share = closeness / closeness.sum(axis=1, keepdims=True)
+    point, region = np.nonzero(share)
+    return point, region, share[point, region]
 
 
 @helper

@@ -12,6 +12,7 @@ from math import fsum
 import numpy as np
 
 from softbody_ros.core.geometry.mesh import MeshError, Surface
+from softbody_ros.core.shape_matching.solid import fill
 
 LINEAR, QUADRATIC = 3, 9
 """Number of features of a linear and a quadratic goal."""
@@ -54,7 +55,10 @@ SHAPE = np.dtype(
 @dataclass(frozen=True, eq=False)
 class RestShape:
     """
-    Constants of one rest shape of n particles.
+    Constants of one rest shape of n particles at its surface and k inner ones, after these.
+
+    Inner particles carry mass and are matched like all others; nothing touches them, and they are
+    not part of what is published. N = n + k.
 
     Lengths are divided by `scale`, to make the numerics independent of the size of the object:
     q = (x⁰ − centre) / scale. The nine features are q and the products x² y² z² xy yz zx minus
@@ -70,9 +74,11 @@ class RestShape:
         RMS distance of the particles from the centre of mass (by area), m
     areas : (n,) float
         a third of the triangles at each vertex, m²
-    weights : (n,) float
+    inner : (k, 3) float
+        inner particles in the body's own frame, m; none if the mass is at the surface
+    weights : (N,) float
         share of the body's mass that each particle has; they sum to 1
-    q : (3, n) float
+    q : (3, N) float
         rest positions
     feature_means : (9,) float
         the subtracted means Σ w f; 0 for q
@@ -98,6 +104,7 @@ class RestShape:
     centre: np.ndarray
     scale: float
     areas: np.ndarray
+    inner: np.ndarray
     weights: np.ndarray
     q: np.ndarray
     feature_means: np.ndarray
@@ -114,7 +121,7 @@ class RestShape:
 
     @property
     def features(self) -> np.ndarray:
-        """(10, n) float: 1, and the nine features; a goal combines them linearly."""
+        """(10, N) float: 1, and the nine features; a goal combines them linearly."""
         features = _products(self.q)
         features[1:] -= self.feature_means[:, None]
         return features
@@ -139,8 +146,30 @@ class RestShape:
 
     @property
     def particle_count(self) -> int:
-        """Number of particles, n."""
+        """Number of particles, N."""
         return len(self.weights)
+
+    @property
+    def surface_count(self) -> int:
+        """Number of particles at the surface, n: the first ones."""
+        return len(self.surface.vertices)
+
+    @property
+    def particles(self) -> np.ndarray:
+        """(N, 3) float: the particles in the body's own frame, m."""
+        return np.concatenate([self.surface.vertices, self.inner])
+
+    def inner_following(self, positions: np.ndarray) -> np.ndarray:
+        """
+        Return inner particles (3, k) as they follow the surface (3, n): by the best affine fit.
+
+        By area. Of velocities of the surface, it returns those of the inner particles.
+        """
+        count = self.surface_count
+        affine = np.concatenate([np.ones((1, self.particle_count)), self.q])
+        weighted = affine[:, :count] * self.areas
+        share = np.linalg.solve(weighted @ affine[:, :count].T, affine[:, count:])
+        return np.asarray(positions @ (weighted.T @ share))
 
     def record(self) -> np.ndarray:
         """Return the constants as a SHAPE record, (); its indices into arrays are not set."""
@@ -165,15 +194,19 @@ class RestShape:
         return record
 
 
-def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> RestShape:
+def make_rest_shape(
+    surface: Surface, weights: np.ndarray | None = None, inner: np.ndarray | None = None
+) -> RestShape:
     """
     Return the constants of a surface.
 
     Parameters
     ----------
     surface : Surface
-    weights : (n,) float, optional
+    weights : (N,) float, optional
         that sum to 1; by default each vertex has its share of the area
+    inner : (k, 3) float, optional
+        inner particles, the last k of N, in the body's own frame, m
 
     Raises
     ------
@@ -183,13 +216,12 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
     """
     around = _areas_around(surface)
     area_weights = _shares_of(around)
-    spread = surface.vertices - weighted_mean(surface.vertices, area_weights)
-    scale = float(np.sqrt((np.einsum('ij,ij->i', spread, spread) * area_weights).sum()))
-    if not scale > 0.0:
-        raise MeshError('all vertices of the surface coincide: a body needs some extent')
+    scale = _rms_radius(surface, area_weights)
     weights = area_weights if weights is None else weights
-    centre = weighted_mean(surface.vertices, weights)
-    q = np.ascontiguousarray((surface.vertices - centre).T / scale)
+    inner = np.zeros((0, 3)) if inner is None else inner
+    particles = np.concatenate([surface.vertices, inner])
+    centre = weighted_mean(particles, weights)
+    q = np.ascontiguousarray((particles - centre).T / scale)
     q -= weighted_mean(q.T, weights)[:, None]
     features = _products(q)[1:]
     means = np.zeros(QUADRATIC)
@@ -207,6 +239,7 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         centre=centre,
         scale=scale,
         areas=around / 6.0,
+        inner=inner,
         weights=weights,
         q=q,
         feature_means=means,
@@ -221,6 +254,33 @@ def make_rest_shape(surface: Surface, weights: np.ndarray | None = None) -> Rest
         whitening_quadratic=whitening(gram),
         volume_form=_volume_form(surface, features),
     )
+
+
+def make_solid_rest_shape(surface: Surface) -> RestShape:
+    """
+    Return the constants of a surface whose mass is spread over the volume that it encloses.
+
+    See `solid`.
+
+    Raises
+    ------
+    MeshError
+        if it encloses none.
+
+    """
+    shares = _shares_of(_areas_around(surface))
+    inside = fill(surface, shares, _rms_radius(surface, shares))
+    weights = np.concatenate([inside.surface, inside.weights])
+    return make_rest_shape(surface, weights, inside.points)
+
+
+def _rms_radius(surface: Surface, shares: np.ndarray) -> float:
+    """Return the RMS distance of the vertices from their centre, m, given shares of the area."""
+    spread = surface.vertices - weighted_mean(surface.vertices, shares)
+    scale = float(np.sqrt((np.einsum('ij,ij->i', spread, spread) * shares).sum()))
+    if not scale > 0.0:
+        raise MeshError('all vertices of the surface coincide: a body needs some extent')
+    return scale
 
 
 def weighted_mean(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
