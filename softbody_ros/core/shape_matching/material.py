@@ -19,10 +19,10 @@ Of regions, which follow no strain, f and b have their share, by their squared e
 C = 1.2 makes up for what that does not describe: a contact of a small area is stiffer here than in
 a solid (Hertz), by about 2. With it, plates without friction that squeeze a cube by 5 to 20 % feel
 0.9 to 1.05 of E A ε, and a ball 1.7 to 1.8 of Hertz's force, with a deformation of 0.5 and volume
-that is conserved; with regions 1.1, and 0.8 to 1.3 (solids: 1.4, and 0.9 to 1.5). Limits: with a deformation of 0.9, or without
-conservation of volume, a ball is up to 3 times as stiff as by Hertz. An elongated body is stiffer
-along its longest axis, and softer along its shortest one, by the ratio of its squared extent to
-the mean.
+that is conserved; with regions 1.1, and 0.8 to 1.3 (solids: 1.4, and 0.9 to 1.5). Limits: with a
+deformation of 0.9, or without conservation of volume, a ball is up to 3 times as stiff as by
+Hertz. An elongated body is stiffer along its longest axis, and softer along its shortest one, by
+the ratio of its squared extent to the mean.
 """
 
 from __future__ import annotations
