@@ -302,8 +302,8 @@ class BodyConfig(Checked):
         minimum=0.0, maximum=1e6,
     )  # fmt: skip
     young_modulus: float = setting(
-        0.0, 'E of the material, in place of stiffness: sets the frequency by size, mass and '
-        'shape; 0: by stiffness', unit='Pa', minimum=0.0, maximum=1e12,
+        0.0, 'E of the material, in place of natural_frequency and stiffness: sets the frequency '
+        'by size, mass and shape; 0: these say it', unit='Pa', minimum=0.0, maximum=1e12,
     )  # fmt: skip
     bounciness: float = setting(
         0.5, 'how much of each deformation swing the next one keeps', minimum=0.0, maximum=1.0
@@ -402,15 +402,10 @@ class BodyConfig(Checked):
             )
 
     def _check_modulus(self) -> None:
-        modulus = f'{self.prefix}young_modulus is {self.young_modulus:g}'
-        if self.natural_frequency > 0.0:
-            raise ConfigError(
-                f'{modulus} and {self.prefix}natural_frequency {self.natural_frequency:g}: only '
-                'one of them can say how stiff it is, set the other to 0'
-            )
         if self.deformation == 1.0:
             raise ConfigError(
-                f'{modulus}, but with {self.prefix}deformation 1 goals follow any deformation, '
+                f'{self.prefix}young_modulus is {self.young_modulus:g}, but with '
+                f'{self.prefix}deformation 1 goals follow any deformation, '
                 'which nothing resists then: lower it'
             )
 

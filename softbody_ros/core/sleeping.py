@@ -29,9 +29,10 @@ AT_REST = 2e-4
 """Displacement between two samples, in RMS radii, below which a body is at rest."""
 AT_REST_IN_ISLAND = 2e-3
 """The same for a body in contact with others, whose motion adds to its own."""
-SLOWING = 0.95
-"""What the displacement must be less than, of that four samples before: what creeps, or begins to
-fall over, however slowly, does not fall asleep. Jitter passes that sooner or later."""
+GROWING, STEADY = 1.05, 0.95
+"""Displacement, relative to that four samples before, of what begins to fall over, however slowly,
+and of what creeps: neither falls asleep, but that coulomb friction holds what merely creeps, by
+rounding. Jitter is less sooner or later."""
 STILL = 1e-7
 """Displacement between two samples, in RMS radii, of what does not move at all."""
 
@@ -136,7 +137,13 @@ def update_sleep(
         supported |= points.touched(boxes[0] - fall, boxes[1] + fall)
         island = islands(count, *overlapping(*boxes))
     count_still_samples(
-        island, displacement, state.moved, is_disturbed, supported, state.still_samples
+        island,
+        displacement,
+        state.moved,
+        ~bodies['coulomb'],
+        is_disturbed,
+        supported,
+        state.still_samples,
     )
 
 
@@ -145,6 +152,7 @@ def count_still_samples(
     island: np.ndarray,
     displacement: np.ndarray,
     moved: np.ndarray,
+    may_creep: np.ndarray,
     disturbed: np.ndarray,
     supported: np.ndarray,
     still_samples: np.ndarray,
@@ -163,6 +171,8 @@ def count_still_samples(
         since the last sample, RMS radii
     moved : (B, SAMPLES_TO_SLEEP - 1) float
         the same of the samples before, the newest first; changed
+    may_creep : (B,) bool
+        whether friction lets them creep
     disturbed, supported : (B,) bool
         by moving obstacles; by pins, obstacles or points at rest
     still_samples : (B,) int
@@ -172,6 +182,7 @@ def count_still_samples(
     size, least = np.zeros(len(island), np.int64), np.full(len(island), SAMPLES_TO_SLEEP)
     is_at_rest, has_support = np.ones(len(island), np.bool_), np.zeros(len(island), np.bool_)
     now, before = np.zeros(len(island)), np.zeros(len(island))
+    most = np.full(len(island), GROWING)
     for k in range(len(island)):
         size[island[k]] += 1
     for k in range(len(island)):
@@ -182,13 +193,15 @@ def count_still_samples(
         least[number] = min(least[number], still_samples[k])
         now[number] = max(now[number], displacement[k])
         before[number] = max(before[number], moved[k, SAMPLES_TO_SLEEP - 2])
+        if may_creep[k]:
+            most[number] = STEADY
         for sample in range(SAMPLES_TO_SLEEP - 2, 0, -1):
             moved[k, sample] = moved[k, sample - 1]
         moved[k, 0] = displacement[k]
     for k in range(len(island)):
         number = island[k]
         still_samples[k] = least[number] + 1 if is_at_rest[number] and has_support[number] else 0
-        if now[number] > max(SLOWING * before[number], STILL):
+        if now[number] > max(most[number] * before[number], STILL):
             still_samples[k] = min(still_samples[k], SAMPLES_TO_SLEEP - 1)
 
 
