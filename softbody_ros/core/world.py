@@ -1389,7 +1389,7 @@ def _rest_shape_of(body: BodyConfig) -> RestShape:
     try:
         surface = body.mesh
         if not isinstance(surface, Surface):
-            surface = make_surface(surface, body.size, body.subdivisions)
+            surface = make_surface(surface, body.size, body.subdivisions, body.mesh_frame)
         return make_rest_shape(surface)
     except MeshError as error:
         raise MeshError(f'{body.prefix}{error}') from None
@@ -1472,7 +1472,7 @@ def _structure(config: BodyConfig | ObstacleConfig) -> tuple:
     if isinstance(config, BodyConfig):
         return config.name, *_shape_key(config)
     mesh = id(config.mesh) if isinstance(config.mesh, Surface) else config.mesh
-    return config.name, config.type, mesh, config.subdivisions
+    return config.name, config.type, mesh, config.mesh_frame, config.subdivisions
 
 
 def _shape_key(config: BodyConfig) -> tuple:
@@ -1480,7 +1480,7 @@ def _shape_key(config: BodyConfig) -> tuple:
     regions = (config.regions_count, config.regions_overlap)
     if isinstance(config.mesh, Surface):
         return id(config.mesh), *regions
-    return config.mesh, config.size, config.subdivisions, *regions
+    return config.mesh, config.size, config.mesh_frame, config.subdivisions, *regions
 
 
 def _with_config(obstacle: Obstacle, config: ObstacleConfig) -> Obstacle:

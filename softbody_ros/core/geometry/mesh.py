@@ -7,8 +7,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-import os
-import re
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -16,19 +14,21 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 import trimesh
 
+from softbody_ros.core.geometry.mesh_files import TO_Z_UP, MeshError, read_mesh_file
+
 PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
-FILE_TYPES = ('stl', 'obj', 'ply', 'off', 'glb')
-LARGEST_FILE = 1 << 30
-COLLADA_HEAD = 1 << 16
-"""Characters of a COLLADA file in which its unit stands."""
 LARGEST_MESH = 4_000_000
 """Largest number of vertices: beyond it a step takes longer than a frame on any machine."""
+SMALLEST, LARGEST = 1e-4, 1e4
+"""Of half the longest side, m, as of `size`."""
+FARTHEST = 1e6
+"""Largest distance of the origin of a file from its mesh, in half extents."""
 WELD_DISTANCE = 1e-7
 """Vertices closer than this, relative to the half extent, are merged: seams of UVs, normals."""
 
 
-class MeshError(ValueError):
-    """An unusable mesh: the message is one sentence with the reason."""
+ORIGINS = ('box_centre', 'file', 'centre_of_mass')
+UPS = ('auto', 'z', 'y')
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,31 @@ class Surface:
         return bool(len(self.faces) and mesh.is_watertight and mesh.is_winding_consistent)
 
 
+@dataclass(frozen=True)
+class MeshFrame:
+    """
+    How the coordinates of a mesh file become those of the frame of a body or obstacle.
+
+    Attributes
+    ----------
+    scale : float
+        metres that one unit of the file is, of a file in millimetres 0.001; of COLLADA, which
+        says its unit itself, on top of that. 0: it is made to fit
+    origin : str
+        the point of the mesh that becomes the origin: the centre of its bounding box
+        ('box_centre'), where the file has its own ('file'), or the centre of mass of the solid
+        that it encloses, of its area if it is open ('centre_of_mass')
+    up : str
+        the axis of the file that points up, 'z' or 'y'; 'auto': y of GLB, by its specification,
+        what COLLADA says itself, z of other formats
+
+    """
+
+    scale: float = 0.0
+    origin: str = 'box_centre'
+    up: str = 'auto'
+
+
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
     Return vertex normals (n, 3): sums over adjacent faces of twice their area vectors.
@@ -82,7 +107,9 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.stack(sums, axis=1)
 
 
-def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
+def make_surface(
+    mesh: str, size: float, subdivisions: int, frame: MeshFrame = MeshFrame()
+) -> Surface:
     """
     Return a primitive, or the mesh in a file, centred at the origin.
 
@@ -94,6 +121,8 @@ def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
         half the longest side of the bounding box, m
     subdivisions : int
         fineness of a primitive; not used for files
+    frame : MeshFrame
+        not used for primitives
 
     Raises
     ------
@@ -103,17 +132,62 @@ def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
     """
     if mesh in PRIMITIVES:
         shape = _primitive(mesh, subdivisions)
-    else:
-        shape = _read_file(mesh)
-    vertices = np.asarray(shape.vertices, dtype=np.float64)
-    faces = np.asarray(shape.faces, dtype=np.int64)
-    if not len(faces):
-        raise MeshError(f'mesh {mesh} holds no triangles: give a surface, not points or lines')
+        vertices = np.asarray(shape.vertices, dtype=np.float64)
+        faces = np.asarray(shape.faces, dtype=np.int64)
+        vertices, faces = _welded(_fitted(vertices, faces, mesh)[0], faces)
+        return _facing_outwards(Surface(size * vertices, faces))
+    file = read_mesh_file(mesh, PRIMITIVES)
+    vertices, faces = file.vertices, file.faces
     _check(vertices, faces, f'mesh {mesh}')
-    vertices, faces = _welded(_fitted(vertices, faces, mesh), faces)
+    up = file.up if frame.up == 'auto' else frame.up
+    if up != 'z':
+        vertices = vertices @ TO_Z_UP[up].T
+    vertices, middle, half_extent = _fitted(vertices, faces, mesh)
+    vertices, faces = _welded(vertices, faces)
     if not len(faces):
         raise MeshError(f'mesh {mesh} holds only triangles without area: export it again')
-    return _facing_outwards(Surface(size * vertices, faces))
+    surface = _facing_outwards(Surface(vertices, faces))
+    if frame.scale:
+        size = _checked_size(frame.scale * file.unit * half_extent, mesh, frame)
+    vertices = _with_origin(surface, frame.origin, -middle / half_extent)
+    return Surface(size * vertices, surface.faces)
+
+
+def _checked_size(size: float, mesh: str, frame: MeshFrame) -> float:
+    """Return half the longest side of a mesh with a scale of its own, m, if it is usable."""
+    if not SMALLEST <= size <= LARGEST:
+        raise MeshError(
+            f'mesh {mesh} measures {2.0 * size:g} m across with mesh_scale {frame.scale:g}: it '
+            f'must be from {2.0 * SMALLEST:g} to {2.0 * LARGEST:g} m'
+        )
+    return size
+
+
+def _with_origin(surface: Surface, origin: str, of_file: np.ndarray) -> np.ndarray:
+    """Return the vertices (n, 3) of a fitted surface about another origin."""
+    if origin == 'file':
+        if np.abs(of_file).max() > FARTHEST:
+            raise MeshError(
+                f'its origin is {np.abs(of_file).max():g} times its size away from it: move it '
+                'there, or set mesh_origin to box_centre'
+            )
+        return surface.vertices - of_file
+    if origin == 'centre_of_mass':
+        return surface.vertices - centre_of_mass(surface)
+    return surface.vertices
+
+
+def centre_of_mass(surface: Surface) -> np.ndarray:
+    """Return (3,) float: the centre of the enclosed volume, of an open surface of its area, m."""
+    a, b, c = surface.vertices[surface.faces.T]
+    areas = np.cross(b - a, c - a)
+    middle = a.mean(axis=0)  # about which little is lost to rounding
+    weights = np.einsum('ij,ij->i', a - middle, areas)
+    sums = 0.25 * (a + b + c - 3.0 * middle)
+    if not surface.closed or not weights.sum() > 0.0:
+        weights = np.linalg.norm(areas, axis=1)
+        sums *= 4.0 / 3.0
+    return middle + weights @ sums / weights.sum()
 
 
 def read_surface(path: str, scale: Sequence[float]) -> Surface:
@@ -133,13 +207,8 @@ def read_surface(path: str, scale: Sequence[float]) -> Surface:
         if the file cannot be read or does not hold a usable triangle mesh.
 
     """
-    shape = _read_file(path, (*FILE_TYPES, 'dae'))
-    vertices = (
-        _unit_of(path) * np.asarray(scale, dtype=float) * np.asarray(shape.vertices, np.float64)
-    )
-    faces = np.asarray(shape.faces, dtype=np.int64)
-    if not len(faces):
-        raise MeshError(f'mesh {path} holds no triangles: give a surface, not points or lines')
+    file = read_mesh_file(path, PRIMITIVES)
+    vertices, faces = file.unit * np.asarray(scale, dtype=float) * file.vertices, file.faces
     _check(vertices, faces, f'mesh {path}')
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     middle, size = (low + high) / 2, float((high - low).max()) / 2
@@ -149,20 +218,6 @@ def read_surface(path: str, scale: Sequence[float]) -> Surface:
     if not len(faces):
         raise MeshError(f'mesh {path} holds only triangles without area: export it again')
     return _facing_outwards(Surface(middle + size * fitted, faces))
-
-
-def _unit_of(path: str) -> float:
-    """Return the unit of a file, m: of COLLADA what it says, as RViz reads it, else 1."""
-    if not path.lower().endswith('.dae'):
-        return 1.0
-    with open(path, encoding='utf-8', errors='replace') as file:
-        head = file.read(COLLADA_HEAD)
-    said = re.search(r'<unit\b[^>]*?\bmeter\s*=\s*["\']\s*([0-9.eE+-]+)', head)
-    try:
-        unit = float(said[1]) if said else 1.0
-    except ValueError:
-        unit = 1.0
-    return unit if 0.0 < unit < np.inf else 1.0
 
 
 def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
@@ -189,31 +244,6 @@ def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
     return trimesh.creation.revolve(profile[::-1], sections=sections)
 
 
-def _read_file(path: str, types: Sequence[str] = FILE_TYPES) -> trimesh.Trimesh:
-    extension = os.path.splitext(path)[1].lower().lstrip('.')
-    if extension not in types:
-        raise MeshError(
-            f'mesh {path[:200]!r} is neither a primitive ({", ".join(PRIMITIVES)}) '
-            f'nor a file that ends in .{", .".join(types)}'
-        )
-    if not os.path.isfile(path):
-        raise MeshError(f'mesh file {path[:200]} does not exist: check the path')
-    if os.path.getsize(path) > LARGEST_FILE:
-        raise MeshError(f'mesh file {path} is larger than 1 GiB: simplify the mesh first')
-    try:
-        shape = trimesh.load(path, file_type=extension, force='mesh', process=False)
-    except Exception as error:  # the parsers raise all kinds of exceptions
-        reason = ' '.join(str(error).split()) or type(error).__name__
-        raise MeshError(
-            f'mesh file {path} cannot be read as {extension.upper()} ({reason}): export it again'
-        ) from None
-    if not isinstance(shape, trimesh.Trimesh):
-        raise MeshError(
-            f'mesh file {path} holds no triangles: give a surface, not points or lines'
-        )
-    return shape
-
-
 def _check(vertices: np.ndarray, faces: np.ndarray, what: str) -> None:
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not len(vertices):
         raise MeshError(f'{what} has vertices of shape {vertices.shape}: it must be (n, 3), n > 0')
@@ -231,15 +261,22 @@ def _check(vertices: np.ndarray, faces: np.ndarray, what: str) -> None:
         raise MeshError(f'{what} has faces that refer to vertices outside 0 … {len(vertices) - 1}')
 
 
-def _fitted(vertices: np.ndarray, faces: np.ndarray, mesh: str) -> np.ndarray:
-    """Return the vertices, translated and scaled to fit the faces into a cube of half extent 1."""
+def _fitted(
+    vertices: np.ndarray, faces: np.ndarray, mesh: str
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """
+    Return vertices for which the faces just fit into a cube of half extent 1.
+
+    And where its centre was, (3,), and its half extent.
+    """
     used = vertices[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     with np.errstate(over='ignore'):
         half_extent = (high - low).max() / 2
     if not 0 < half_extent < np.inf:
         raise MeshError(f'mesh {mesh} measures {2 * half_extent:g} across: export it again')
-    return (vertices - (low + high) / 2) / half_extent
+    middle = (low + high) / 2
+    return (vertices - middle) / half_extent, middle, float(half_extent)
 
 
 def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
