@@ -1302,6 +1302,27 @@ class World:
         return names.index(name)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each thing to be known about the meshes of bodies and obstacles."""
+        result: list[str] = []
+        for body in self._bodies:
+            surface, prefix = body.rest.surface, body.config.prefix
+            result += [prefix + note for note in surface.notes]
+            if len(surface.faces) and not surface.closed:
+                defects, remedy = surface.openness
+                name = f'mesh {surface.source}'.rstrip()
+                result.append(
+                    f'{prefix}{name} is not closed ({defects}): it has no inside, so that bodies '
+                    'and points pass through its surface, only its own vertices touch others, and '
+                    f'volume_conservation acts on its overall stretch alone; {remedy}'
+                )
+        for obstacle in self._obstacles:
+            if obstacle.tree is not None:
+                prefix = obstacle.config.prefix
+                result += [prefix + note for note in obstacle.tree.surface.notes]
+        return tuple(result)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the bodies, in the order of the config."""
         return tuple(self._index)

@@ -54,6 +54,13 @@ def for_trimesh(content: bytes) -> tuple[bytes, list[str]]:
 
     """
     document, rest = _parts(content)
+    try:
+        return _reduced(document, rest)
+    except (AttributeError, IndexError, KeyError, TypeError):
+        raise ValueError('cannot be read as GLB (its JSON is damaged): export it again') from None
+
+
+def _reduced(document: dict[str, Any], rest: bytes) -> tuple[bytes, list[str]]:
     _require_readable(document)
     obstacles = []
     nodes = [node for node in document.get('nodes', []) if isinstance(node, dict)]

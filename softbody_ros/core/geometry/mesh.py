@@ -5,16 +5,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 import trimesh
 
-from softbody_ros.core.geometry.mesh_files import TO_Z_UP, MeshError, read_mesh_file
+from softbody_ros.core.geometry.mesh_edges import edges_of
+from softbody_ros.core.geometry.mesh_files import TO_Z_UP, MeshError, MeshFile, read_mesh_file
+from softbody_ros.core.geometry.mesh_repair import repaired, used_vertices, welded
+from softbody_ros.core.geometry.mesh_winding import facing_outwards
 
 PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
 LARGEST_MESH = 4_000_000
@@ -23,8 +24,8 @@ SMALLEST, LARGEST = 1e-4, 1e4
 """Of half the longest side, m, as of `size`."""
 FARTHEST = 1e6
 """Largest distance of the origin of a file from its mesh, in half extents."""
-WELD_DISTANCE = 1e-7
-"""Vertices closer than this, relative to the half extent, are merged: seams of UVs, normals."""
+SMALLER = 1e-5
+"""Difference of extents, in half extents, that welding cannot have made."""
 
 
 ORIGINS = ('box_centre', 'file', 'centre_of_mass')
@@ -42,11 +43,17 @@ class Surface:
         positions in the body's own frame, m
     faces : (m, 3) int
         vertex indices, anticlockwise seen from outside
+    source : str
+        the path of its file, if it is of one
+    notes : tuple of str
+        a sentence for each thing that is not as in the file
 
     """
 
     vertices: np.ndarray
     faces: np.ndarray
+    source: str = ''
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -64,6 +71,16 @@ class Surface:
         """Whether it is watertight: every edge has two faces of consistent winding."""
         mesh = trimesh.Trimesh(self.vertices, self.faces, process=False, validate=False)
         return bool(len(self.faces) and mesh.is_watertight and mesh.is_winding_consistent)
+
+    @cached_property
+    def openness(self) -> tuple[str, str]:
+        """What keeps it from having an inside, and what to do about that; '' if it is closed."""
+        if self.closed:
+            return '', ''
+        if not len(self.faces):
+            return 'no triangles', 'give a surface'
+        edges = edges_of(self.faces)
+        return ' and '.join(edges.defects()), edges.remedy()
 
 
 @dataclass(frozen=True)
@@ -132,25 +149,50 @@ def make_surface(
     """
     if mesh in PRIMITIVES:
         shape = _primitive(mesh, subdivisions)
-        vertices = np.asarray(shape.vertices, dtype=np.float64)
         faces = np.asarray(shape.faces, dtype=np.int64)
-        vertices, faces = _welded(_fitted(vertices, faces, mesh)[0], faces)
-        return _facing_outwards(Surface(size * vertices, faces))
+        vertices, _, _ = _fitted(np.asarray(shape.vertices, dtype=np.float64), faces, mesh)
+        vertices, faces = welded(vertices, faces, [])
+        return Surface(size * vertices, facing_outwards(vertices, faces, []))
     file = read_mesh_file(mesh, PRIMITIVES)
-    vertices, faces = file.vertices, file.faces
-    _check(vertices, faces, f'mesh {mesh}')
     up = file.up if frame.up == 'auto' else frame.up
+    vertices, faces, notes = _usable(mesh, file)
     if up != 'z':
         vertices = vertices @ TO_Z_UP[up].T
-    vertices, middle, half_extent = _fitted(vertices, faces, mesh)
-    vertices, faces = _welded(vertices, faces)
-    if not len(faces):
-        raise MeshError(f'mesh {mesh} holds only triangles without area: export it again')
-    surface = _facing_outwards(Surface(vertices, faces))
+    surface, middle, half_extent = _without_faults(mesh, vertices, faces, notes)
     if frame.scale:
         size = _checked_size(frame.scale * file.unit * half_extent, mesh, frame)
     vertices = _with_origin(surface, frame.origin, -middle / half_extent)
-    return Surface(size * vertices, surface.faces)
+    return dataclasses.replace(surface, vertices=size * vertices)
+
+
+def _usable(path: str, file: MeshFile) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return vertices that are finite, faces and notes of a file."""
+    what = f'mesh {path}'
+    _check(np.nan_to_num(file.vertices, posinf=0.0, neginf=0.0), file.faces, what)
+    vertices, faces, unused = used_vertices(file.vertices, file.faces)
+    _check(vertices, faces, what)
+    return vertices, faces, (*file.notes, *(f'{what} {each}' for each in unused))
+
+
+def _without_faults(
+    path: str, vertices: np.ndarray, faces: np.ndarray, notes: tuple[str, ...]
+) -> tuple[Surface, np.ndarray, float]:
+    """
+    Return a mesh, repaired, in a cube of half extent 1, where the centre was, and its half extent.
+
+    Its notes are those of the file, and what has been repaired.
+    """
+    what = f'mesh {path}'
+    vertices, middle, half_extent = _fitted(vertices, faces, path)
+    vertices, faces, said = repaired(vertices, faces)
+    if not len(faces):
+        raise MeshError(f'{what} holds only triangles without area: export it again')
+    extent = np.ptp(vertices, axis=0).max()
+    if extent < 2.0 - SMALLER:  # what was outermost is left out
+        vertices, offset, factor = _fitted(vertices, faces, path)
+        middle, half_extent = middle + half_extent * offset, half_extent * factor
+    notes += tuple(f'{what} {each}' for each in said)
+    return Surface(vertices, faces, path, notes), middle, half_extent
 
 
 def _checked_size(size: float, mesh: str, frame: MeshFrame) -> float:
@@ -208,16 +250,10 @@ def read_surface(path: str, scale: Sequence[float]) -> Surface:
 
     """
     file = read_mesh_file(path, PRIMITIVES)
-    vertices, faces = file.unit * np.asarray(scale, dtype=float) * file.vertices, file.faces
-    _check(vertices, faces, f'mesh {path}')
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle, size = (low + high) / 2, float((high - low).max()) / 2
-    if not 0.0 < size < np.inf:
-        raise MeshError(f'mesh {path} measures {2.0 * size:g} m across: export it again')
-    fitted, faces = _welded((vertices - middle) / size, faces)
-    if not len(faces):
-        raise MeshError(f'mesh {path} holds only triangles without area: export it again')
-    return _facing_outwards(Surface(middle + size * fitted, faces))
+    vertices, faces, notes = _usable(path, file)
+    vertices = file.unit * np.asarray(scale, dtype=float) * vertices
+    surface, middle, half_extent = _without_faults(path, vertices, faces, notes)
+    return dataclasses.replace(surface, vertices=middle + half_extent * surface.vertices)
 
 
 def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
@@ -277,31 +313,3 @@ def _fitted(
         raise MeshError(f'mesh {mesh} measures {2 * half_extent:g} across: export it again')
     middle = (low + high) / 2
     return (vertices - middle) / half_extent, middle, float(half_extent)
-
-
-def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces with equal positions merged, in the order of the file."""
-    first, same = trimesh.grouping.unique_rows(vertices, digits=15)
-    pairs = cKDTree(vertices[first]).query_pairs(WELD_DISTANCE, output_type='ndarray')
-    count = len(first)
-    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    groups = connected_components(links, directed=False)[1]
-    faces = _first_of_each(groups[same])[faces]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    kept = np.unique(faces)
-    return vertices[kept], np.searchsorted(kept, faces)
-
-
-def _first_of_each(groups: np.ndarray) -> np.ndarray:
-    """Return for each vertex the first one of its group."""
-    _, first, inverse = np.unique(groups, return_index=True, return_inverse=True)
-    return first[inverse]
-
-
-def _facing_outwards(surface: Surface) -> Surface:
-    """Return the surface with outward winding if closed; some exporters invert all triangles."""
-    a, b, c = surface.vertices[surface.faces.T]
-    if surface.closed and np.einsum('ij,ij->', a, np.cross(b, c)) < 0:
-        return Surface(surface.vertices, surface.faces[:, ::-1])
-    return surface

@@ -23,12 +23,12 @@ import warnings
 import numpy as np
 import trimesh
 
-from softbody_ros.core.geometry.glb import for_trimesh
+from softbody_ros.core.geometry import dae, glb
 
 FILE_TYPES = ('stl', 'obj', 'ply', 'off', 'glb', 'dae')
 LARGEST_FILE = 1 << 30
 HEAD = 1 << 16
-"""Bytes of the beginning of a file that are looked at; the unit of COLLADA stands there."""
+"""Bytes of the beginning of a file that are looked at."""
 LONGEST_REASON = 160
 """Characters of what a parser says that are shown."""
 LIBRARIES = ('trimesh', 'collada', 'PIL')
@@ -123,27 +123,41 @@ def read_mesh_file(path: str, primitives: Sequence[str]) -> MeshFile:
     content = _content(path)
     head = content[:HEAD]
     _require_format(path, ending, head, len(content))
+    unit, up = 1.0, 'z'
     notes: tuple[str, ...] = ()
-    if ending == 'glb':
-        try:
-            content, obstacles = for_trimesh(content)
-        except ValueError as error:
-            raise MeshError(f'mesh file {path} {error}') from None
-        if obstacles:
-            notes = (
-                f'mesh {path} is a film of this simulator: its obstacles '
-                f'({_some(obstacles)}) are left out',
-            )
-    elif ending == 'dae' and importlib.util.find_spec('collada') is None:
+    try:
+        if ending == 'glb':
+            content, obstacles = glb.for_trimesh(content)
+            up = 'y'
+            if obstacles:
+                notes = (
+                    f'mesh {path} is a film of this simulator: its obstacles '
+                    f'({_some(obstacles)}) are left out',
+                )
+        elif ending == 'dae':
+            content, unit, up = dae.for_trimesh(content)
+    except ValueError as error:
+        raise MeshError(f'mesh file {path} {error}') from None
+    if ending == 'dae' and importlib.util.find_spec('collada') is None:
         raise MeshError(
             f'mesh file {path} is COLLADA, which needs pycollada: pip install pycollada (or, in '
             "the clone, '.[dae]')"
         )
     vertices, faces = _loaded(path, ending, content)
     if not len(faces):
-        raise MeshError(f'mesh {path} holds no triangles: give a surface, not points or lines')
-    unit, up = _collada_frame(head) if ending == 'dae' else (1.0, 'y' if ending == 'glb' else 'z')
+        raise MeshError(f'mesh {path} holds no triangles{_why_none(ending, head, content)}')
     return MeshFile(vertices, faces, unit, up, notes)
+
+
+def _why_none(ending: str, head: bytes, content: bytes) -> str:
+    """Return the end of the sentence about a file without triangles."""
+    if ending == 'ply' and b'element tristrips' in head:
+        return ' but strips of them, which are not read: export it as triangles'
+    if ending == 'dae' and b'instance_controller' in content:
+        return ' but a skinned mesh: apply its armature, and export it again'
+    if ending == 'dae' and b'<geometry' in content.replace(b':geometry', b'<geometry'):
+        return ' that can be read: export it again, or as GLB'
+    return ': give a surface, not points or lines'
 
 
 def _content(path: str) -> bytes:
@@ -178,9 +192,7 @@ def _loaded(path: str, ending: str, content: bytes) -> tuple[np.ndarray, np.ndar
             f'mesh file {path} cannot be read as {ending.upper()} ({reason}): export it again'
         ) from None
     if not isinstance(shape, trimesh.Trimesh):
-        raise MeshError(
-            f'mesh file {path} holds no triangles: give a surface, not points or lines'
-        )
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     return np.asarray(shape.vertices, np.float64), np.asarray(shape.faces, np.int64)
 
 
@@ -252,17 +264,6 @@ def _format_of(text: bytes, size: int) -> str:
     if b'\0' not in text and re.search(rb'^\s*v(\s+' + number + rb'){3}', text, re.MULTILINE):
         return 'obj'
     return 'stl' if _is_binary_stl(text, size) else ''
-
-
-def _collada_frame(head: bytes) -> tuple[float, str]:
-    """Return the unit, m, and the axis that points up, as COLLADA says: by default 1 m and y."""
-    said = re.search(rb'<unit\b[^>]*?\bmeter\s*=\s*["\']\s*([0-9.eE+-]+)', head)
-    try:
-        unit = float(said[1]) if said else 1.0
-    except ValueError:
-        unit = 1.0
-    axis = re.search(rb'<up_axis>\s*([XYZ])_UP\s*<', head)
-    return unit if 0.0 < unit < np.inf else 1.0, axis[1].decode().lower() if axis else 'y'
 
 
 def _some(names: Sequence[str]) -> str:
