@@ -161,9 +161,9 @@ def test_a_cone_stands_whatever_file_it_is_in(tmp_path, extension):
     assert tip == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)  # and not its base
     assert (x[:, 2] > 0.99).sum() == 1
     assert surface.closed and volume(surface) > 0.0
-    lying = make_surface(str(path), 1.0, 0, MeshFrame(up='y' if extension == 'stl' else 'z'))
-    assert np.ptp(lying.vertices, axis=0)[2] == pytest.approx(2.0 if extension != 'stl' and
-        extension not in ('glb', 'dae') else 1.0, abs=1e-6)  # fmt: skip
+    other = 'z' if extension in ('glb', 'dae') else 'y'
+    lying = make_surface(str(path), 1.0, 0, MeshFrame(up=other)).vertices
+    assert np.ptp(lying, axis=0) == pytest.approx([1.0, 2.0, 1.0], abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -472,14 +472,14 @@ def test_of_a_body_that_is_not_closed_it_is_said_what_does_not_work(tmp_path, ki
     world.add(ball)
     world.step(240)
     assert world.positions('ball')[:, 2].max() < -0.5
-    closed = dataclass_with_box(slab)
+    closed = closed_like(slab)
     world = World(WorldConfig(bodies=(closed, ball), obstacles=(), gravity_magnitude=0.0))
     assert not world.notes
     world.step(240)
     assert world.positions('ball')[:, 2].min() > 0.3
 
 
-def dataclass_with_box(config):
+def closed_like(config):
     return BodyConfig(
         name=config.name, mesh='box', subdivisions=0, mode='rigid', position=config.position
     )
