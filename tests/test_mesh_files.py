@@ -566,6 +566,26 @@ def test_a_text_stl_and_a_binary_one_that_begins_like_one_are_read(tmp_path):
         assert make_surface(str(tmp_path / 'binary.stl'), 0.5, 0).closed
 
 
+def test_a_binary_stl_that_is_cut_off_and_one_that_goes_on(tmp_path):
+    content = BOX.export(file_type='stl')
+    path = tmp_path / 'part.stl'
+    path.write_bytes(content[:500])
+    assert refusal(path) == (
+        'is cut off, or no STL: it has 500 bytes, and 12 triangles would take 684'
+    )
+    path.write_bytes(content + b'COLOR')
+    surface = make_surface(str(path), 0.5, 0)
+    assert surface.closed
+    assert surface.notes == (f'mesh {path} has 5 bytes after its triangles, left out',)
+
+
+@pytest.mark.parametrize('end', ['\n', '\r\n', '\r'])
+def test_lines_of_an_obj_may_end_in_any_way(tmp_path, end):
+    path = tmp_path / 'part.obj'
+    path.write_bytes(BOX.export(file_type='obj').replace('\n', end).encode())
+    assert make_surface(str(path), 0.5, 0).closed
+
+
 def test_a_folder_is_a_folder(tmp_path):
     (tmp_path / 'folder.stl').mkdir()
     assert refusal(tmp_path / 'folder.stl') == 'is a folder: give a file in it'
@@ -617,6 +637,23 @@ def test_coordinates_that_would_be_read_wrongly_are_refused(tmp_path, change, se
     document['accessors'][position] |= change
     path.write_bytes(glb_of(document, rest))
     assert refusal(path).startswith(sentence)
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'mode': 6}, 'has triangle fans, which cannot be read: export it as triangles'),
+        ({'uri': 'a.bin'}, 'keeps its data in another file, a.bin: export it as one GLB'),
+    ],
+)
+def test_a_glb_of_which_a_part_would_be_lost_is_refused(tmp_path, change, sentence):
+    path = tmp_path / 'part.glb'
+    BOX.export(path)
+    document, rest = parts_of_glb(path.read_bytes())
+    target = document['buffers'][0] if 'uri' in change else document['meshes'][0]['primitives'][0]
+    target |= change
+    path.write_bytes(glb_of(document, rest))
+    assert refusal(path) == sentence
 
 
 @pytest.mark.parametrize('document', [{'meshes': [1]}, {'nodes': 3}, {'meshes': {'a': 'b'}}, []])

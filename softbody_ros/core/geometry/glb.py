@@ -21,6 +21,8 @@ CHUNK_HEADER = struct.Struct('<I4s')
 """Length in bytes, type."""
 HARMLESS = ('KHR_materials', 'KHR_texture', 'EXT_texture', 'MSFT_texture', 'KHR_lights')
 """What the names of extensions begin with that do not concern triangles."""
+FANS = 6
+"""Mode of primitives."""
 QUANTIZED = 'KHR_mesh_quantization'
 DECODE = 'gltf-transform cp in.glb out.glb, or by exporting without compression'
 CURES = {
@@ -127,9 +129,16 @@ def _require_readable(document: dict[str, Any]) -> None:
             raise ValueError(
                 f'needs the glTF extension {name[:60]}, which cannot be read: export it without'
             )
+    for buffer in document.get('buffers', []):
+        if not str(buffer.get('uri', 'data:')).startswith('data:'):
+            raise ValueError(
+                f'keeps its data in another file, {str(buffer["uri"])[:60]}: export it as one GLB'
+            )
     accessors = document.get('accessors', [])
     for mesh in document.get('meshes', []):
         for primitive in mesh.get('primitives', []):
+            if primitive.get('mode') == FANS:
+                raise ValueError('has triangle fans, which cannot be read: export it as triangles')
             index = primitive.get('attributes', {}).get('POSITION')
             if not isinstance(index, int) or not 0 <= index < len(accessors):
                 continue

@@ -126,6 +126,14 @@ def read_mesh_file(path: str, primitives: Sequence[str]) -> MeshFile:
     unit, up = 1.0, 'z'
     notes: tuple[str, ...] = ()
     try:
+        if ending == 'stl':
+            content, surplus = _without_surplus(content)
+            if surplus:
+                notes = (
+                    f'mesh {path} has {surplus} bytes after its triangles: they are left out',
+                )
+        if ending == 'obj' and b'\r' in head and b'\n' not in head:
+            content = content.replace(b'\r', b'\n')  # lines as of an old Macintosh
         if ending == 'glb':
             content, obstacles = glb.for_trimesh(content)
             up = 'y'
@@ -241,6 +249,20 @@ def _require_format(path: str, ending: str, head: bytes, size: int) -> None:
 
 def _is_binary_stl(head: bytes, size: int) -> bool:
     return size >= 84 and size == 84 + 50 * int.from_bytes(head[80:84], 'little')
+
+
+def _without_surplus(content: bytes) -> tuple[bytes, int]:
+    """Return an STL file without what follows its triangles, and how many bytes these were."""
+    if len(content) < 84 or _format_of(content[:HEAD].lstrip(), len(content)) == 'stl':
+        return content, 0
+    count = int.from_bytes(content[80:84], 'little')
+    size = 84 + 50 * count
+    if len(content) < size:
+        raise ValueError(
+            f'is cut off, or no STL: it has {len(content)} bytes, and {count} triangles would '
+            f'take {size}'
+        )
+    return content[:size], len(content) - size
 
 
 def _format_of(text: bytes, size: int) -> str:
