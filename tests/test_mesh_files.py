@@ -285,6 +285,15 @@ def test_a_cavity_stays_inside_and_what_is_in_it_is_solid(tmp_path):
         assert other.notes
 
 
+def test_parts_that_overlap_are_no_cavities(tmp_path):
+    # the box of the small one is in that of the large one, most of its corners are inside
+    ball = trimesh.creation.icosphere(3)
+    small = box((0.8, 0.4, 0.4), at=(0.55, 0.55, 0.0))
+    surface = natural(saved(tmp_path, *joined(ball, small)))
+    assert not surface.notes
+    assert volume(surface) == pytest.approx(ball.volume + small.volume)
+
+
 def test_a_part_beside_another_in_its_box_is_not_inside_it(tmp_path):
     ring = trimesh.creation.torus(2.0, 0.5, 32, 16)
     path = saved(tmp_path, *joined(ring, box((0.5, 0.5, 0.5))))

@@ -12,8 +12,8 @@ import numpy as np
 
 from softbody_ros.core.geometry.mesh_edges import counted, edges_of, groups_of, parts_of
 
-SAMPLES = 7
-"""Vertices of a part by which it is decided whether it is inside another one."""
+SAMPLES = 64
+"""Most vertices of a part by which it is decided whether it is inside another one."""
 ALIKE = 1e-8
 """Angle between triangles at an edge, rad, that are one on the other."""
 TOUCHING = 1e-6
@@ -217,11 +217,13 @@ def _depths(
         tree = make_tree(Surface(vertices, faces[own]))
         distance = tree.distance(np.concatenate(samples))[0] * np.sign(volumes[outer])
         owner = np.repeat(candidates, [len(each) for each in samples])
-        votes = np.sign(distance) * (np.abs(distance) > TOUCHING)
-        depth += np.bincount(owner, votes, len(numbers)) < 0.0
+        # what is only partly inside overlaps it, as convex parts of a decomposition do
+        within = np.bincount(owner[distance < -TOUCHING], minlength=len(numbers)) > 0
+        beyond = np.bincount(owner[distance > TOUCHING], minlength=len(numbers)) > 0
+        depth += within & ~beyond
     return depth
 
 
 def _spread(points: np.ndarray) -> np.ndarray:
     """Return some of the points (k, 3), spread over their order."""
-    return points[np.linspace(0, len(points) - 1, SAMPLES).astype(int)]
+    return points[np.linspace(0, len(points) - 1, min(SAMPLES, len(points))).astype(int)]
