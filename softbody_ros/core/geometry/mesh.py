@@ -128,14 +128,16 @@ def make_surface(
     mesh: str, size: float, subdivisions: int, frame: MeshFrame = MeshFrame()
 ) -> Surface:
     """
-    Return a primitive, or the mesh in a file, centred at the origin.
+    Return a primitive, or the mesh in a file, repaired.
+
+    It is centred at the origin and as large as `size`, or as the frame says.
 
     Parameters
     ----------
     mesh : str
-        one of `PRIMITIVES`, or the path of an STL, OBJ, PLY, OFF or GLB file
+        one of `PRIMITIVES`, or the path of an STL, OBJ, PLY, OFF, GLB or DAE file
     size : float
-        half the longest side of the bounding box, m
+        half the longest side of the bounding box, m; not used if the frame has a scale
     subdivisions : int
         fineness of a primitive; not used for files
     frame : MeshFrame
@@ -187,8 +189,9 @@ def _without_faults(
     vertices, faces, said = repaired(vertices, faces)
     if not len(faces):
         raise MeshError(f'{what} holds only triangles without area: export it again')
-    extent = np.ptp(vertices, axis=0).max()
-    if extent < 2.0 - SMALLER:  # what was outermost is left out
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    if (high - low).max() < 2.0 - SMALLER or np.abs(low + high).max() > SMALLER:
+        # what was outermost is left out
         vertices, offset, factor = _fitted(vertices, faces, path)
         middle, half_extent = middle + half_extent * offset, half_extent * factor
     notes += tuple(f'{what} {each}' for each in said)
@@ -210,8 +213,8 @@ def _with_origin(surface: Surface, origin: str, of_file: np.ndarray) -> np.ndarr
     if origin == 'file':
         if np.abs(of_file).max() > FARTHEST:
             raise MeshError(
-                f'its origin is {np.abs(of_file).max():g} times its size away from it: move it '
-                'there, or set mesh_origin to box_centre'
+                f'mesh {surface.source} is {0.5 * np.abs(of_file).max():g} times its size away '
+                'from its origin: move it there, or set mesh_origin to box_centre'
             )
         return surface.vertices - of_file
     if origin == 'centre_of_mass':

@@ -129,9 +129,7 @@ def read_mesh_file(path: str, primitives: Sequence[str]) -> MeshFile:
         if ending == 'stl':
             content, surplus = _without_surplus(content)
             if surplus:
-                notes = (
-                    f'mesh {path} has {surplus} bytes after its triangles: they are left out',
-                )
+                notes = (f'mesh {path} has {surplus} bytes after its triangles, left out',)
         if ending == 'obj' and b'\r' in head and b'\n' not in head:
             content = content.replace(b'\r', b'\n')  # lines as of an old Macintosh
         if ending == 'glb':

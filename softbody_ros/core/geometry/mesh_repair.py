@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 import trimesh
 
 from softbody_ros.core.geometry.mesh_edges import counted, edges_of, groups_of, parts_of
+from softbody_ros.core.geometry.mesh_walls import without_walls
 from softbody_ros.core.geometry.mesh_winding import facing_outwards, parted, wound_alike
 
 WELD_DISTANCE = 1e-7
@@ -42,6 +43,7 @@ def repaired(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nd
     faces = _without_doubles(_with_like_diagonals(vertices, faces), said)
     faces = _without_slivers(vertices, faces, said)
     faces = wound_alike(faces, said)
+    faces = without_walls(vertices, faces, said)
     vertices, faces = parted(vertices, faces, said)
     faces = facing_outwards(vertices, faces, said)
     kept = np.unique(faces)

@@ -62,7 +62,7 @@ def parted(
     pairs, _ = edges.pairs()
     m = len(faces)
     sheet = groups_of(pairs, m)
-    inverted = _volume(vertices, faces) < 0.0
+    inverted = enclosed_volume(vertices, faces) < 0.0
     joined = [pairs]
     order = np.argsort(edges.edge, axis=None, kind='stable')
     begin = np.searchsorted(edges.edge.ravel()[order], np.arange(len(edges.ends)))
@@ -164,7 +164,7 @@ def facing_outwards(vertices: np.ndarray, faces: np.ndarray, said: list[str]) ->
     order = np.argsort(part, kind='stable')
     begin = np.searchsorted(part[order], np.arange(count + 1))
     numbers = [order[begin[i] : begin[i + 1]] for i in range(count) if is_closed[i]]
-    volumes = np.array([_volume(vertices, faces[own]) for own in numbers])
+    volumes = np.array([enclosed_volume(vertices, faces[own]) for own in numbers])
     depth = _depths(vertices, faces, numbers, volumes)
     wanted = np.where(depth % 2 == 1, -1.0, 1.0)
     wrong = np.flatnonzero(volumes * wanted < 0.0)
@@ -186,7 +186,7 @@ def facing_outwards(vertices: np.ndarray, faces: np.ndarray, said: list[str]) ->
     return faces
 
 
-def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+def enclosed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
     """Return the enclosed volume, negative if the triangles face inwards."""
     corners = vertices[faces]
     a, b, c = (corners - corners[0, 0]).swapaxes(0, 1)
