@@ -3,6 +3,7 @@
 """Mesh files as they come: where they are, what is repaired and said, and what is refused."""
 
 import gzip
+import itertools
 import json
 import logging
 import warnings
@@ -458,12 +459,11 @@ def partition(at, axis=0, size=1.0):
 
 def tube(*places):
     """Return the sides and both ends of a box that have corners at so many places along x."""
-    sides = trimesh.util.concatenate(
-        [
-            box((high - low, 1, 1), ((low + high) / 2, 0, 0))
-            for low, high in zip(places, places[1:])
-        ]
-    )
+    cells = [
+        box((high - low, 1, 1), ((low + high) / 2, 0, 0))
+        for low, high in itertools.pairwise(places)
+    ]
+    sides = trimesh.util.concatenate(cells)
     x = sides.triangles_center[:, 0]
     ends = np.isclose(np.ptp(sides.triangles[:, :, 0], axis=1), 0.0)
     sides.update_faces(~ends | np.isclose(x, places[0]) | np.isclose(x, places[-1]))
@@ -518,8 +518,8 @@ def test_a_fast_ball_bounces_off_a_body_that_was_repaired(tmp_path, kind):
 
 # ---------------------------------------------------------------------------- what is not a solid
 HOLED = (BOX.vertices, BOX.faces[1:])
-FINNED = joined(BOX, trimesh.Trimesh(
-    [(0.5, -0.5, -0.5), (0.5, -0.5, 0.5), (1.5, 0.0, 0.0)], [(0, 1, 2)], process=False))  # fmt: skip
+FIN = [(0.5, -0.5, -0.5), (0.5, -0.5, 0.5), (1.5, 0.0, 0.0)]
+FINNED = joined(BOX, trimesh.Trimesh(FIN, [(0, 1, 2)], process=False))
 OPEN = {
     'hole': (HOLED, '3 edges with one triangle only', 'fill its holes'),
     'fin': (
