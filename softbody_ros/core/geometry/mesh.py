@@ -255,6 +255,8 @@ def read_surface(path: str, scale: Sequence[float]) -> Surface:
     file = read_mesh_file(path, PRIMITIVES)
     vertices, faces, notes = _usable(path, file)
     vertices = file.unit * np.asarray(scale, dtype=float) * vertices
+    if np.prod(np.sign(scale)) < 0.0:
+        faces = faces[:, ::-1]  # mirrored, it would be inside out
     surface, middle, half_extent = _without_faults(path, vertices, faces, notes)
     return dataclasses.replace(surface, vertices=middle + half_extent * surface.vertices)
 
