@@ -48,7 +48,7 @@ services: ~/reset, ~/apply_initial_velocity, ~/pause, ~/step
 
 parameters, most of which change while it runs ('ball' and 'ground' are names):
   bodies, obstacles    the names of what is in the scene: set them to add and remove
-  ball.mesh            .size, .subdivisions, .mesh_scale, .mesh_origin, .mesh_up: what it is; .color
+  ball.mesh            .size, .subdivisions, .mesh_scale, .mesh_origin, .mesh_up: its shape; .color
   ball.position        and .orientation, .initial_velocity: how it starts
   ball.mode            rigid, linear or quadratic; .stiffness, .bounciness, .deformation,
                        .volume_conservation, .damping, .mass: how it deforms
