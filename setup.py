@@ -5,6 +5,7 @@ from glob import glob
 from setuptools import find_packages, setup
 
 package_name = 'softbody_ros'
+DAE = ['pycollada>=0.7']
 BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
 ROBOT = ['yourdfpy>=0.0.56']
 VIEWER = ['viser>=1.1,<1.2']
@@ -40,6 +41,8 @@ setup(
     extras_require={
         # files of the command `bake`: USD and glTF
         'bake': BAKE,
+        # mesh files in COLLADA, which trimesh reads with it
+        'dae': DAE,
         # what tests/benchmarks compares with, and draws with
         'bench': ['pypbd>=2.2', 'rapier3d>=0.36', 'mujoco>=4.0', 'matplotlib'],
         'jazzy': [
@@ -58,6 +61,7 @@ setup(
             # real CAD meshes to load: watertight and not, 5 000 to 70 000 triangles
             'cookie-description==1.2.1',
             *BAKE,
+            *DAE,
             *ROBOT,
             *VIEWER,
             # drives Chromium, which is not a Python package: apt-get install chromium

@@ -24,7 +24,7 @@ from softbody_ros.bake import __main__ as command
 from softbody_ros.bake.film import Film, linear
 from softbody_ros.bake.shading import shading
 from softbody_ros.bake.whole_file import whole_file
-from softbody_ros.core import Surface, World
+from softbody_ros.core import MeshError, MeshFrame, Surface, World, make_surface
 from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import read_scene
 
@@ -106,7 +106,9 @@ def baked(scene_file):
         capture_output=True,
         text=True,
     )
-    assert (run.returncode, run.stderr) == (0, '')
+    said = f'bake: sheet.mesh {scene_file.parent / "sheet.obj"} is not closed (4 edges with one'
+    assert run.returncode == 0
+    assert run.stderr.startswith(said) and run.stderr.count('\n') == 1
     *lines, last = run.stdout.splitlines()
     starts = [f'{output}: {FRAMES} frames, 1 s at 24 fps, ' for output in outputs]
     assert all(line.startswith(start) for line, start in zip(lines, starts, strict=True))
@@ -374,6 +376,35 @@ def test_glb_opens_in_other_readers_y_up(baked, core):
     assert shown.geometry['ground'].extents.tolist() == [14.0, 14.0, 0.0]
     assert capsule == pytest.approx(np.array([[-0.1, -0.1, -0.4], [0.1, 0.1, 0.4]]), abs=1e-3)
     assert pygltflib.GLTF2().load(str(baked / 'film.glb')).asset.version == '2.0'
+
+
+def test_a_film_that_is_loaded_as_a_mesh_stands_upright_without_its_obstacles(baked, core):
+    path = baked / 'film.glb'
+    surface = make_surface(str(path), 0.5, 0, MeshFrame(1.0, 'file'))
+    bodies = np.concatenate(list(core[0][0].values()))
+    assert surface.vertices.min(axis=0) == pytest.approx(bodies.min(axis=0), abs=1e-6)
+    assert surface.vertices.max(axis=0) == pytest.approx(bodies.max(axis=0), abs=1e-6)
+    first, *_ = surface.notes
+    assert first == (
+        f'mesh {path} is a film of this simulator: its obstacles (ground, paddle, pole, post, '
+        'stone and 1 more) are left out'
+    )
+
+
+def test_a_film_of_a_ball_is_a_ball_again(run_main):
+    assert run_main(CONFIG / 'default.yaml', '--seconds', '0.5', '-o', 'ball.glb') == 0
+    ball = make_surface('icosphere', 0.5, 3)
+    again = make_surface('ball.glb', 0.5, 0)
+    assert again.closed
+    assert again.faces.shape == ball.faces.shape
+    assert np.ptp(again.vertices, axis=0) == pytest.approx(np.ptp(ball.vertices, axis=0), rel=1e-3)
+
+
+def test_a_film_without_bodies_is_refused_as_a_mesh(run_main):
+    options = ('-p', 'bodies:=[]', '--seconds', '0', '-o', 'empty.glb')
+    assert run_main(CONFIG / 'default.yaml', *options) == 0
+    with pytest.raises(MeshError, match='is a film of this simulator without any body in it'):
+        make_surface('empty.glb', 0.5, 0)
 
 
 def test_a_film_of_one_frame(scene_file, run_main):

@@ -7,9 +7,19 @@ import numpy as np
 import pytest
 import trimesh
 
-from softbody_ros.core import BodyConfig, MeshError, Surface, World, WorldConfig, make_surface
+from softbody_ros.core import (
+    BodyConfig,
+    MeshError,
+    MeshFrame,
+    Surface,
+    World,
+    WorldConfig,
+    make_surface,
+)
 from softbody_ros.core.geometry import mesh as mesh_module
-from softbody_ros.core.geometry.mesh import FILE_TYPES, PRIMITIVES
+from softbody_ros.core.geometry import mesh_files
+from softbody_ros.core.geometry.mesh import PRIMITIVES
+from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 
 # A tetrahedron, whose corners no symmetry exchanges.
 CORNERS = np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 1.5, 0.0), (0.3, 0.2, 1.0)])
@@ -104,7 +114,7 @@ def test_every_format_gives_the_same_shape(tmp_path, extension):
     source.apply_scale((2.0, 1.0, 0.5))
     path = tmp_path / f'shape.{extension.upper()}'
     source.export(path, file_type=extension)
-    surface = make_surface(str(path), 1.0, 0)
+    surface = make_surface(str(path), 1.0, 0, MeshFrame(up='z'))
     assert surface.closed
     assert surface.faces.shape == source.faces.shape
     assert half_extents(surface) == pytest.approx([1.0, 0.5, 0.25], rel=1e-6)
@@ -312,7 +322,7 @@ def test_a_mesh_of_too_many_vertices_is_refused(tmp_path, monkeypatch):
 def test_a_file_too_large_to_read_is_refused(tmp_path, monkeypatch):
     path = tmp_path / 'large.stl'
     trimesh.creation.icosphere(subdivisions=2).export(path)
-    monkeypatch.setattr(mesh_module, 'LARGEST_FILE', 1000)
+    monkeypatch.setattr(mesh_files, 'LARGEST_FILE', 1000)
     assert 'simplify' in refusal(path)
 
 

@@ -35,16 +35,16 @@ def test_table_has_what_the_design_lists():
     scene += 'obstacle_points.noise poke.radius robot.links robot.pose robot.friction '
     scene += 'poke.impulse history.memory publish_tf gravity.magnitude gravity.direction '
     scene += 'bodies obstacles'
-    body = 'mesh size subdivisions position orientation initial_velocity.linear '
-    body += 'initial_velocity.angular mass mass_distribution density mode stiffness '
-    body += 'natural_frequency young_modulus bounciness deformation elasticity '
+    body = 'mesh mesh_scale mesh_origin mesh_up size subdivisions position orientation '
+    body += 'initial_velocity.linear initial_velocity.angular mass mass_distribution density '
+    body += 'mode stiffness natural_frequency young_modulus bounciness deformation elasticity '
     body += 'friction friction_model volume_conservation damping thickness color '
     body += 'regions.count regions.overlap regions.whole_body_weight '
     body += 'plasticity.yield plasticity.creep plasticity.max '
     body += 'pins.indices pins.box pins.velocity.linear pins.velocity.angular '
     body += 'attach.to attach.indices attach.box attach.radius'
-    obstacle = 'type mesh subdivisions position orientation size velocity.linear velocity.angular '
-    obstacle += 'surface_velocity friction elasticity'
+    obstacle = 'type mesh mesh_scale mesh_origin mesh_up subdivisions position orientation size '
+    obstacle += 'velocity.linear velocity.angular surface_velocity friction elasticity'
     expected = scene.split() + [f'ball.{name}' for name in body.split()]
     expected += [f'ground.{name}' for name in obstacle.split()]
     assert sorted(TABLE) == sorted(expected)

@@ -277,7 +277,7 @@ def wrong_values(facts):
         return [[math.nan] * length, [0.5] * (length + 1), [1e9] * length, 'text', 0.5]
     if isinstance(facts.default, int):
         return [0, -1, 1.5, 'text']
-    return [facts.minimum - 1.0, 1e9, math.nan, math.inf, 'text', [0.5]]
+    return [facts.minimum - 1.0, 1e13, math.nan, math.inf, 'text', [0.5]]
 
 
 def test_every_parameter_at_run_time(graph):

@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
-from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.msg import Log, ParameterType
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -77,6 +77,36 @@ def sim(graph):
     node = graph.sim_node(**SMALL)
     assert graph.call(SetBool, f'{SIM}/pause', data=True).success
     return node
+
+
+def test_what_is_wrong_with_a_mesh_is_said_once_when_it_comes(graph, tmp_path):
+    corners = 'v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n'
+    files = {'double': '1 3 2,1 2 4,1 4 3,2 3 4,2 3 4', 'open': '1 3 2,1 2 4,1 4 3'}
+    for name, faces in files.items():
+        lines = ''.join(f'f {face}\n' for face in faces.split(','))
+        (tmp_path / f'{name}.obj').write_text(corners + lines)
+    log = log_of(graph)
+    graph.sim_node(**SMALL, ball__mesh=str(tmp_path / 'double.obj'))
+    double = f'ball.mesh {tmp_path / "double.obj"} has 1 triangle twice: one of each is left out'
+    graph.spin_until(lambda: said(log, double), 'what is said at the start')
+    wall = {'wall.type': 'mesh', 'wall.mesh': str(tmp_path / 'double.obj')}
+    sheet = {'sheet.mesh': str(tmp_path / 'open.obj'), 'sheet.mesh_scale': 0.2}
+    assert set_atomically(graph, {'obstacles': ['ground', 'wall'], **wall}).successful
+    assert set_atomically(graph, {'bodies': ['ball', 'sheet'], **sheet}).successful
+    opened = f'sheet.mesh {tmp_path / "open.obj"} is not closed (3 edges with one triangle only)'
+    graph.spin_until(lambda: said(log, opened), 'what is said of a new body')
+    assert set_atomically(graph, {'ball.stiffness': 0.2}).successful
+    assert len(said(log, 'wall.mesh', 'has 1 triangle twice')) == 1
+    assert len(said(log, str(tmp_path))) == 3
+
+
+def log_of(graph):
+    qos = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    return graph.collect(Log, '/rosout', qos)
+
+
+def said(log, *words):
+    return [item.msg for item in log if all(word in item.msg for word in words)]
 
 
 def numbers(cloud):

@@ -445,7 +445,7 @@ MESH = '/**: {ros__parameters: {bodies: [a], a: {mesh: %s}}}'
         ({'name': 'a', 'uri': '/no.yaml'}, MISSING_ASSETS, '/no.yaml does not exist'),
         ({'name': 'a', 'uri': 'package://no_such/a.stl'}, MISSING_ASSETS, "'no_such' is not inst"),
         ({'name': 'a', 'text': MESH % '/no.stl'}, MISSING_ASSETS, '/no.stl does not exist'),
-        ({'name': 'a', 'text': MESH % '/no.dae'}, UNSUPPORTED_ASSETS, "a.mesh '/no.dae' is neit"),
+        ({'name': 'a', 'text': MESH % '/no.fbx'}, UNSUPPORTED_ASSETS, "a.mesh '/no.fbx' is neit"),
         ({'name': 'a', 'text': 'bodies: ['}, RESOURCE_PARSE_ERROR, 'is not YAML'),
         ({'name': 'a', 'text': 'bodies: [a]'}, RESOURCE_PARSE_ERROR, 'below the name of a node'),
         ({'name': 'a', 'text': MESH % 'box, mas: 1'}, RESOURCE_PARSE_ERROR, 'parameter a.mas'),

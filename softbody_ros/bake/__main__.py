@@ -117,6 +117,8 @@ def _run(options: argparse.Namespace) -> int:
         if places.count(place) > 1:
             raise Refusal(f'the output {path} is given twice: give each file its own name')
     film = Film(scene, options.seconds, options.fps)
+    for sentence in film.world.notes:
+        _warn(sentence)
     for path in outputs:
         _warn_if_large(path, film)
     compile_ahead(_warn, _warn)

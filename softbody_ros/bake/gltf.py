@@ -5,7 +5,7 @@ Films as binary glTF 2.0, float32: y up by a root node that rotates the scene, m
 
 Each body is a mesh whose morph target k is the offset of frame k + 1 from frame 0; the animation
 blends from each to the next. Vertices on a crease are duplicated for each of their normals.
-Obstacles are meshes, with animated nodes where they move.
+Obstacles are meshes, with animated nodes where they move, and extras that say what they are.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaterni
 from softbody_ros.bake.shading import shading
 from softbody_ros.core import ConfigError, Surface
 from softbody_ros.core.collision.shapes import obstacle_surface
+from softbody_ros.core.geometry.glb import MARK
 
 LARGEST = 2**32 - 1
 """Most bytes in a file: the length in its header has 32 bits."""
@@ -120,7 +121,7 @@ class _Document:
         shown = shading(surface)
         vertices = surface.vertices[shown.origin].astype(np.float32)
         mesh = self._mesh(name, vertices, shown.normals(surface.vertices), shown.faces, grey)
-        node = pygltflib.Node(name=name, mesh=mesh)
+        node = pygltflib.Node(name=name, mesh=mesh, extras=MARK)
         node.translation = poses[0].position.tolist()
         node.rotation = list(quaternion(poses[0]))
         self.gltf.nodes.append(node)

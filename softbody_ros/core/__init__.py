@@ -41,7 +41,7 @@ from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
 from softbody_ros.core.contact_forces import ContactImpulse
 from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
-from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.geometry.mesh import MeshError, MeshFrame, Surface, make_surface
 from softbody_ros.core.mean_wrenches import MeanWrenches
 from softbody_ros.core.prepared_config import PreparedConfig
 from softbody_ros.core.rigid_fit import RigidFit
@@ -54,6 +54,7 @@ __all__ = [
     'ContactImpulse',
     'MeanWrenches',
     'MeshError',
+    'MeshFrame',
     'ObstacleConfig',
     'ObstacleRemoval',
     'ObstacleUpdate',

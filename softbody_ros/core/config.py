@@ -22,7 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from softbody_ros.core.geometry.mesh import LARGEST_MESH, PRIMITIVES, Surface
+from softbody_ros.core.geometry.mesh import (
+    LARGEST_MESH,
+    ORIGINS,
+    PRIMITIVES,
+    UPS,
+    MeshFrame,
+    Surface,
+)
 
 MODES = ('rigid', 'linear', 'quadratic')
 FRICTION_MODELS = ('viscous', 'coulomb')
@@ -246,6 +253,29 @@ def _vector(default: tuple[float, ...], description: str, **facts: Any) -> Any:
     return setting(default, description, **facts)
 
 
+def _mesh_scale() -> Any:
+    return setting(
+        0.0,
+        'metres that one unit of a mesh file is, 0.001 for millimetres; 0: scaled to fit size. '
+        'Without effect on primitives, like mesh_origin and mesh_up',
+        minimum=0.0, maximum=LARGEST, read_only=True,
+    )  # fmt: skip
+
+
+def _mesh_origin() -> Any:
+    return setting(
+        'box_centre', "point of a mesh file that becomes the body's or obstacle's own origin",
+        choices=ORIGINS, read_only=True,
+    )  # fmt: skip
+
+
+def _mesh_up() -> Any:
+    return setting(
+        'auto', 'axis of a mesh file that points up; auto: y of GLB, as COLLADA says, else z',
+        choices=UPS, read_only=True,
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class BodyConfig(Checked):
     """
@@ -263,9 +293,13 @@ class BodyConfig(Checked):
     )
     size: float = setting(
         0.5,
-        'radius or half extent; a file is centred and scaled to it by its longest side',
+        'radius or half extent; a file is scaled to it by its longest side, unless mesh_scale is '
+        'given',
         unit='m', minimum=1e-4, maximum=1e4, read_only=True,
     )  # fmt: skip
+    mesh_scale: float = _mesh_scale()
+    mesh_origin: str = _mesh_origin()
+    mesh_up: str = _mesh_up()
     subdivisions: int = setting(3, 'fineness of a primitive', minimum=0, maximum=8, read_only=True)
     mass_distribution: str = setting(
         'surface', 'over the surface, by area, as of a hollow ball; or over the volume that it '
@@ -410,6 +444,11 @@ class BodyConfig(Checked):
             )
 
     @property
+    def mesh_frame(self) -> MeshFrame:
+        """How the coordinates of its mesh file become its own."""
+        return MeshFrame(self.mesh_scale, self.mesh_origin, self.mesh_up)
+
+    @property
     def has_pins(self) -> bool:
         """Whether pins hold some of its vertices."""
         return bool(self.pins_indices) or any(self.pins_box)
@@ -451,6 +490,9 @@ class ObstacleConfig(Checked):
     mesh: str | Surface = setting(
         '', 'of type mesh: a closed surface, given like that of a body', read_only=True
     )
+    mesh_scale: float = _mesh_scale()
+    mesh_origin: str = _mesh_origin()
+    mesh_up: str = _mesh_up()
     subdivisions: int = setting(
         3, "fineness of a mesh's primitive", minimum=0, maximum=8, read_only=True
     )
@@ -461,7 +503,7 @@ class ObstacleConfig(Checked):
     size: tuple[float, ...] = setting(
         (1.0, 1.0, 1.0),
         'half extents of a box; of the round ones radius, unused, half length; of a mesh half of '
-        'its longest side first; unused by a plane',
+        'its longest side first, unless mesh_scale is given; unused by a plane',
         unit='m', minimum=1e-4, maximum=1e4,
     )  # fmt: skip
     velocity_linear: tuple[float, ...] = _vector(
@@ -484,6 +526,18 @@ class ObstacleConfig(Checked):
         -1.0, 'with that of a rigid body, its restitution ε is the geometric mean of both; '
         "negative: the body's alone", minimum=-1.0, maximum=1.0,
     )  # fmt: skip
+
+    @property
+    def mesh_frame(self) -> MeshFrame:
+        """How the coordinates of its mesh file become its own."""
+        return MeshFrame(self.mesh_scale, self.mesh_origin, self.mesh_up)
+
+    @property
+    def has_own_scale(self) -> bool:
+        """Whether its mesh is as large as it is, whatever `size` says."""
+        if isinstance(self.mesh, Surface):
+            return True
+        return self.mesh_scale > 0.0 and self.mesh not in PRIMITIVES
 
     def moved(self, **motion: Any) -> ObstacleConfig:
         """

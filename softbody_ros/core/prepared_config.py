@@ -87,7 +87,14 @@ def _mesh_key(config: BodyConfig) -> tuple:
             stamp = file.st_mtime_ns, file.st_size
         except (OSError, ValueError):
             pass  # whoever loads it says so
-    return config.mesh, config.size, config.subdivisions, config.mass_distribution, stamp
+    return (
+        config.mesh,
+        config.size,
+        config.mesh_frame,
+        config.subdivisions,
+        config.mass_distribution,
+        stamp,
+    )
 
 
 def _division(config: BodyConfig) -> tuple[int, int]:

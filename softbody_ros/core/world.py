@@ -1322,6 +1322,27 @@ class World:
         return names.index(name)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each thing to be known about the meshes of bodies and obstacles."""
+        result: list[str] = []
+        for body in self._bodies:
+            surface, prefix = body.rest.surface, body.config.prefix
+            result += [prefix + note for note in surface.notes]
+            if len(surface.faces) and not surface.closed:
+                defects, remedy = surface.openness
+                name = f'mesh {surface.source}'.rstrip()
+                result.append(
+                    f'{prefix}{name} is not closed ({defects}): it has no inside, so that bodies '
+                    'and points pass through its surface, only its own vertices touch others, and '
+                    f'volume_conservation acts on its overall stretch alone; {remedy}'
+                )
+        for obstacle in self._obstacles:
+            if obstacle.tree is not None:
+                prefix = obstacle.config.prefix
+                result += [prefix + note for note in obstacle.tree.surface.notes]
+        return tuple(result)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the bodies, in the order of the config."""
         return tuple(self._index)
@@ -1415,7 +1436,7 @@ def _rest_shape_of(body: BodyConfig) -> RestShape:
     try:
         surface = body.mesh
         if not isinstance(surface, Surface):
-            surface = make_surface(surface, body.size, body.subdivisions)
+            surface = make_surface(surface, body.size, body.subdivisions, body.mesh_frame)
         if body.mass_distribution == 'volume':
             return make_solid_rest_shape(surface)
         return make_rest_shape(surface)
@@ -1511,7 +1532,7 @@ def _structure(config: BodyConfig | ObstacleConfig) -> tuple:
     if isinstance(config, BodyConfig):
         return config.name, *_shape_key(config)
     mesh = id(config.mesh) if isinstance(config.mesh, Surface) else config.mesh
-    return config.name, config.type, mesh, config.subdivisions
+    return config.name, config.type, mesh, config.mesh_frame, config.subdivisions
 
 
 def _shape_key(config: BodyConfig) -> tuple:
@@ -1519,7 +1540,14 @@ def _shape_key(config: BodyConfig) -> tuple:
     regions = (config.regions_count, config.regions_overlap)
     if isinstance(config.mesh, Surface):
         return id(config.mesh), config.mass_distribution, *regions
-    return config.mesh, config.size, config.subdivisions, config.mass_distribution, *regions
+    return (
+        config.mesh,
+        config.size,
+        config.mesh_frame,
+        config.subdivisions,
+        config.mass_distribution,
+        *regions,
+    )
 
 
 def _with_config(obstacle: Obstacle, config: ObstacleConfig) -> Obstacle:

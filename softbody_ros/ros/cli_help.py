@@ -48,11 +48,11 @@ services: ~/reset, ~/apply_initial_velocity, ~/pause, ~/step
 
 parameters, most of which change while it runs ('ball' and 'ground' are names):
   bodies, obstacles    the names of what is in the scene: set them to add and remove
-  ball.mesh            with .size, .subdivisions, .mass_distribution: what it is; .color
+  ball.mesh            .size, .subdivisions, .mesh_scale, .mesh_origin, .mesh_up: its shape; .color
   ball.position        and .orientation, .initial_velocity: how it starts
   ball.mode            rigid, linear or quadratic; .stiffness, or .natural_frequency, or
                        .young_modulus; .bounciness, .deformation, .volume_conservation, .damping
-  ball.mass            or .density: what it weighs
+  ball.mass            or .density, and .mass_distribution: what it weighs, and where
   ball.elasticity      how it bounces; .friction, .friction_model, .thickness: how it touches
   ball.regions         local bending; .plasticity: dents that stay; .pins, .attach: held vertices
   ground.type          and .mesh, .size, .position, .orientation, .velocity of an obstacle;

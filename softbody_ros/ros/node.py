@@ -81,6 +81,7 @@ class SimNode(Node):
         self._publish_seconds = 0.0
 
         self._numbers: dict[str, int] = {}
+        self._notes: tuple[str, ...] = ()
         self._robot: RobotLinks | None = None
         self._parameters_of_scene.offer(self._stepper, self._use_parameters)
         self._use_parameters()
@@ -119,6 +120,14 @@ class SimNode(Node):
         self._stepper.rates = {'points': settings.points_rate, 'mesh': settings.mesh_rate}
         if self._robot is not None:
             self._configure_robot(self._robot)
+        self._say_notes()
+
+    def _say_notes(self) -> None:
+        """Say what is to be known about the meshes of new bodies and obstacles."""
+        before, self._notes = self._notes, self._world.notes
+        for note in self._notes:
+            if note not in before:
+                self.get_logger().warning(note)
 
     def _configure_robot(self, robot: RobotLinks) -> None:
         if self._scene.node.robot_links and not self._hears_robot:

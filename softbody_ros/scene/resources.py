@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
 from softbody_ros.core.config import LARGEST, NAME_PATTERN, in_brackets, settings, shown
-from softbody_ros.core.geometry.mesh import FILE_TYPES, PRIMITIVES
+from softbody_ros.core.geometry.mesh import PRIMITIVES
+from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import read_scene, scene_of
 

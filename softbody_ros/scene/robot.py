@@ -539,12 +539,16 @@ def _surface_of(mesh: Any, what: str, problems: list[str]) -> tuple[Surface, np.
         raise RobotError(f'its mesh is {mesh.filename!r} with the scale {scale.tolist()}')
     path = mesh_path(mesh.filename)
     surface = read_surface(path, scale.tolist())
+    problems.extend(f'{what}: {note}' for note in surface.notes)
     if not surface.closed:
+        defects, _ = surface.openness
         hull = _convex_hull(surface)
         if hull is None:
             raise RobotError(f'mesh {path} is neither closed nor has a convex hull')
         surface = hull
-        problems.append(f'{what}: mesh {path} is not closed, so its convex hull is used')
+        problems.append(
+            f'{what}: mesh {path} is not closed, so its convex hull is used ({defects})'
+        )
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     middle = (low + high) / 2
     return Surface(surface.vertices - middle, surface.faces), middle

@@ -193,7 +193,7 @@ def made(config: ObstacleConfig) -> Obstacle:
     try:
         surface = config.mesh
         if not isinstance(surface, Surface):
-            surface = make_surface(surface, 1.0, config.subdivisions)
+            surface = make_surface(surface, 1.0, config.subdivisions, config.mesh_frame)
         return placed(config, closed_tree(surface))
     except MeshError as error:
         raise MeshError(f'{config.prefix}{error}') from None

@@ -325,10 +325,11 @@ def make_shape(config: ObstacleConfig, tree: SurfaceTree | None = None) -> Shape
     """
     Return the shape of an obstacle, with the tree of its mesh if it is one.
 
-    A `Surface` is not scaled; other meshes are given for half extent 1, and scaled to their size.
+    A mesh with a scale of its own is not scaled; others are given for half extent 1, and scaled to
+    their size.
     """
     if config.type == 'mesh':
-        unit = 1.0 if isinstance(config.mesh, Surface) else config.size[0]
+        unit = 1.0 if config.has_own_scale else config.size[0]
         return Mesh((unit, unit, unit), tree)
     return _made(config.type, config.size)
 
@@ -356,7 +357,7 @@ def obstacle_surface(config: ObstacleConfig, reach: float) -> Surface:
         return make_shape(config).surface
     if isinstance(config.mesh, Surface):
         return config.mesh
-    return make_surface(config.mesh, config.size[0], config.subdivisions)
+    return make_surface(config.mesh, config.size[0], config.subdivisions, config.mesh_frame)
 
 
 def plane_surface(reach: float) -> Surface:

@@ -503,7 +503,7 @@ def make_tree(surface: Surface) -> SurfaceTree:
 
 def closed_tree(surface: Surface) -> SurfaceTree:
     """
-    Return the tree of a closed surface, cached by its vertices and faces.
+    Return the tree of a closed surface, cached by all that it is.
 
     Raises
     ------
@@ -511,7 +511,8 @@ def closed_tree(surface: Surface) -> SurfaceTree:
         if the surface is not closed.
 
     """
-    digest = hashlib.blake2b(str(surface.vertices.shape).encode())
+    facts = (surface.vertices.shape, surface.source, surface.notes)
+    digest = hashlib.blake2b(str(facts).encode())
     digest.update(surface.vertices.tobytes())
     digest.update(surface.faces.tobytes())
     return _cached(_Content(digest.digest(), surface))
@@ -525,12 +526,12 @@ class _Content:
 
 @lru_cache(maxsize=KEPT)
 def _cached(content: _Content) -> SurfaceTree:
-    if not content.surface.closed:
-        raise MeshError(
-            'mesh is not closed, so that it has no inside: fill its holes, and let all its '
-            'triangles be seen anticlockwise from outside'
-        )
-    return make_tree(content.surface)
+    surface = content.surface
+    if not surface.closed:
+        defects, remedy = surface.openness
+        name = f'mesh {surface.source}'.rstrip()
+        raise MeshError(f'{name} is not closed, so that it has no inside ({defects}): {remedy}')
+    return make_tree(surface)
 
 
 def pack(trees: Sequence[SurfaceTree]) -> Trees:

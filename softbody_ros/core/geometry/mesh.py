@@ -5,30 +5,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-import os
-import re
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 import trimesh
 
+from softbody_ros.core.geometry.mesh_edges import edges_of
+from softbody_ros.core.geometry.mesh_files import TO_Z_UP, MeshError, MeshFile, read_mesh_file
+from softbody_ros.core.geometry.mesh_repair import repaired, used_vertices, welded
+from softbody_ros.core.geometry.mesh_winding import facing_outwards
+
 PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
-FILE_TYPES = ('stl', 'obj', 'ply', 'off', 'glb')
-LARGEST_FILE = 1 << 30
-COLLADA_HEAD = 1 << 16
-"""Characters of a COLLADA file in which its unit stands."""
 LARGEST_MESH = 4_000_000
 """Largest number of vertices: beyond it a step takes longer than a frame on any machine."""
-WELD_DISTANCE = 1e-7
-"""Vertices closer than this, relative to the half extent, are merged: seams of UVs, normals."""
+SMALLEST, LARGEST = 1e-4, 1e4
+"""Of half the longest side, m, as of `size`."""
+FARTHEST = 1e6
+"""Largest distance of the origin of a file from its mesh, in half extents."""
+SMALLER = 1e-5
+"""Difference of extents, in half extents, that welding cannot have made."""
 
 
-class MeshError(ValueError):
-    """An unusable mesh: the message is one sentence with the reason."""
+ORIGINS = ('box_centre', 'file', 'centre_of_mass')
+UPS = ('auto', 'z', 'y')
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +43,17 @@ class Surface:
         positions in the body's own frame, m
     faces : (m, 3) int
         vertex indices, anticlockwise seen from outside
+    source : str
+        the path of its file, if it is of one
+    notes : tuple of str
+        a sentence for each thing that is not as in the file
 
     """
 
     vertices: np.ndarray
     faces: np.ndarray
+    source: str = ''
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -65,6 +72,41 @@ class Surface:
         mesh = trimesh.Trimesh(self.vertices, self.faces, process=False, validate=False)
         return bool(len(self.faces) and mesh.is_watertight and mesh.is_winding_consistent)
 
+    @cached_property
+    def openness(self) -> tuple[str, str]:
+        """What keeps it from having an inside, and what to do about that; '' if it is closed."""
+        if self.closed:
+            return '', ''
+        if not len(self.faces):
+            return 'no triangles', 'give a surface'
+        edges = edges_of(self.faces)
+        return ' and '.join(edges.defects()), edges.remedy()
+
+
+@dataclass(frozen=True)
+class MeshFrame:
+    """
+    How the coordinates of a mesh file become those of the frame of a body or obstacle.
+
+    Attributes
+    ----------
+    scale : float
+        metres that one unit of the file is, of a file in millimetres 0.001; of COLLADA, which
+        says its unit itself, on top of that. 0: it is made to fit
+    origin : str
+        the point of the mesh that becomes the origin: the centre of its bounding box
+        ('box_centre'), where the file has its own ('file'), or the centre of mass of the solid
+        that it encloses, of its area if it is open ('centre_of_mass')
+    up : str
+        the axis of the file that points up, 'z' or 'y'; 'auto': y of GLB, by its specification,
+        what COLLADA says itself, z of other formats
+
+    """
+
+    scale: float = 0.0
+    origin: str = 'box_centre'
+    up: str = 'auto'
+
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
@@ -82,18 +124,24 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.stack(sums, axis=1)
 
 
-def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
+def make_surface(
+    mesh: str, size: float, subdivisions: int, frame: MeshFrame = MeshFrame()
+) -> Surface:
     """
-    Return a primitive, or the mesh in a file, centred at the origin.
+    Return a primitive, or the mesh in a file, repaired.
+
+    It is centred at the origin and as large as `size`, or as the frame says.
 
     Parameters
     ----------
     mesh : str
-        one of `PRIMITIVES`, or the path of an STL, OBJ, PLY, OFF or GLB file
+        one of `PRIMITIVES`, or the path of an STL, OBJ, PLY, OFF, GLB or DAE file
     size : float
-        half the longest side of the bounding box, m
+        half the longest side of the bounding box, m; not used if the frame has a scale
     subdivisions : int
         fineness of a primitive; not used for files
+    frame : MeshFrame
+        not used for primitives
 
     Raises
     ------
@@ -103,17 +151,88 @@ def make_surface(mesh: str, size: float, subdivisions: int) -> Surface:
     """
     if mesh in PRIMITIVES:
         shape = _primitive(mesh, subdivisions)
-    else:
-        shape = _read_file(mesh)
-    vertices = np.asarray(shape.vertices, dtype=np.float64)
-    faces = np.asarray(shape.faces, dtype=np.int64)
+        faces = np.asarray(shape.faces, dtype=np.int64)
+        vertices, _, _ = _fitted(np.asarray(shape.vertices, dtype=np.float64), faces, mesh)
+        vertices, faces = welded(vertices, faces, [])
+        return Surface(size * vertices, facing_outwards(vertices, faces, []))
+    file = read_mesh_file(mesh, PRIMITIVES)
+    up = file.up if frame.up == 'auto' else frame.up
+    vertices, faces, notes = _usable(mesh, file)
+    if up != 'z':
+        vertices = vertices @ TO_Z_UP[up].T
+    surface, middle, half_extent = _without_faults(mesh, vertices, faces, notes)
+    if frame.scale:
+        size = _checked_size(frame.scale * file.unit * half_extent, mesh, frame)
+    vertices = _with_origin(surface, frame.origin, -middle / half_extent)
+    return dataclasses.replace(surface, vertices=size * vertices)
+
+
+def _usable(path: str, file: MeshFile) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return vertices that are finite, faces and notes of a file."""
+    what = f'mesh {path}'
+    _check(np.nan_to_num(file.vertices, posinf=0.0, neginf=0.0), file.faces, what)
+    vertices, faces, unused = used_vertices(file.vertices, file.faces)
+    _check(vertices, faces, what)
+    return vertices, faces, (*file.notes, *(f'{what} {each}' for each in unused))
+
+
+def _without_faults(
+    path: str, vertices: np.ndarray, faces: np.ndarray, notes: tuple[str, ...]
+) -> tuple[Surface, np.ndarray, float]:
+    """
+    Return a mesh, repaired, in a cube of half extent 1, where the centre was, and its half extent.
+
+    Its notes are those of the file, and what has been repaired.
+    """
+    what = f'mesh {path}'
+    vertices, middle, half_extent = _fitted(vertices, faces, path)
+    vertices, faces, said = repaired(vertices, faces)
     if not len(faces):
-        raise MeshError(f'mesh {mesh} holds no triangles: give a surface, not points or lines')
-    _check(vertices, faces, f'mesh {mesh}')
-    vertices, faces = _welded(_fitted(vertices, faces, mesh), faces)
-    if not len(faces):
-        raise MeshError(f'mesh {mesh} holds only triangles without area: export it again')
-    return _facing_outwards(Surface(size * vertices, faces))
+        raise MeshError(f'{what} holds only triangles without area: export it again')
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    if (high - low).max() < 2.0 - SMALLER or np.abs(low + high).max() > SMALLER:
+        # what was outermost is left out
+        vertices, offset, factor = _fitted(vertices, faces, path)
+        middle, half_extent = middle + half_extent * offset, half_extent * factor
+    notes += tuple(f'{what} {each}' for each in said)
+    return Surface(vertices, faces, path, notes), middle, half_extent
+
+
+def _checked_size(size: float, mesh: str, frame: MeshFrame) -> float:
+    """Return half the longest side of a mesh with a scale of its own, m, if it is usable."""
+    if not SMALLEST <= size <= LARGEST:
+        raise MeshError(
+            f'mesh {mesh} measures {2.0 * size:g} m across with mesh_scale {frame.scale:g}: it '
+            f'must be from {2.0 * SMALLEST:g} to {2.0 * LARGEST:g} m'
+        )
+    return size
+
+
+def _with_origin(surface: Surface, origin: str, of_file: np.ndarray) -> np.ndarray:
+    """Return the vertices (n, 3) of a fitted surface about another origin."""
+    if origin == 'file':
+        if np.abs(of_file).max() > FARTHEST:
+            raise MeshError(
+                f'mesh {surface.source} is {0.5 * np.abs(of_file).max():g} times its size away '
+                'from its origin: move it there, or set mesh_origin to box_centre'
+            )
+        return surface.vertices - of_file
+    if origin == 'centre_of_mass':
+        return surface.vertices - centre_of_mass(surface)
+    return surface.vertices
+
+
+def centre_of_mass(surface: Surface) -> np.ndarray:
+    """Return (3,) float: the centre of the enclosed volume, of an open surface of its area, m."""
+    a, b, c = surface.vertices[surface.faces.T]
+    areas = np.cross(b - a, c - a)
+    middle = a.mean(axis=0)  # about which little is lost to rounding
+    weights = np.einsum('ij,ij->i', a - middle, areas)
+    sums = 0.25 * (a + b + c - 3.0 * middle)
+    if not surface.closed or not weights.sum() > 0.0:
+        weights = np.linalg.norm(areas, axis=1)
+        sums *= 4.0 / 3.0
+    return middle + weights @ sums / weights.sum()
 
 
 def read_surface(path: str, scale: Sequence[float]) -> Surface:
@@ -133,36 +252,13 @@ def read_surface(path: str, scale: Sequence[float]) -> Surface:
         if the file cannot be read or does not hold a usable triangle mesh.
 
     """
-    shape = _read_file(path, (*FILE_TYPES, 'dae'))
-    vertices = (
-        _unit_of(path) * np.asarray(scale, dtype=float) * np.asarray(shape.vertices, np.float64)
-    )
-    faces = np.asarray(shape.faces, dtype=np.int64)
-    if not len(faces):
-        raise MeshError(f'mesh {path} holds no triangles: give a surface, not points or lines')
-    _check(vertices, faces, f'mesh {path}')
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle, size = (low + high) / 2, float((high - low).max()) / 2
-    if not 0.0 < size < np.inf:
-        raise MeshError(f'mesh {path} measures {2.0 * size:g} m across: export it again')
-    fitted, faces = _welded((vertices - middle) / size, faces)
-    if not len(faces):
-        raise MeshError(f'mesh {path} holds only triangles without area: export it again')
-    return _facing_outwards(Surface(middle + size * fitted, faces))
-
-
-def _unit_of(path: str) -> float:
-    """Return the unit of a file, m: of COLLADA what it says, as RViz reads it, else 1."""
-    if not path.lower().endswith('.dae'):
-        return 1.0
-    with open(path, encoding='utf-8', errors='replace') as file:
-        head = file.read(COLLADA_HEAD)
-    said = re.search(r'<unit\b[^>]*?\bmeter\s*=\s*["\']\s*([0-9.eE+-]+)', head)
-    try:
-        unit = float(said[1]) if said else 1.0
-    except ValueError:
-        unit = 1.0
-    return unit if 0.0 < unit < np.inf else 1.0
+    file = read_mesh_file(path, PRIMITIVES)
+    vertices, faces, notes = _usable(path, file)
+    vertices = file.unit * np.asarray(scale, dtype=float) * vertices
+    if np.prod(np.sign(scale)) < 0.0:
+        faces = faces[:, ::-1]  # mirrored, it would be inside out
+    surface, middle, half_extent = _without_faults(path, vertices, faces, notes)
+    return dataclasses.replace(surface, vertices=middle + half_extent * surface.vertices)
 
 
 def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
@@ -189,31 +285,6 @@ def _primitive(kind: str, subdivisions: int) -> trimesh.Trimesh:
     return trimesh.creation.revolve(profile[::-1], sections=sections)
 
 
-def _read_file(path: str, types: Sequence[str] = FILE_TYPES) -> trimesh.Trimesh:
-    extension = os.path.splitext(path)[1].lower().lstrip('.')
-    if extension not in types:
-        raise MeshError(
-            f'mesh {path[:200]!r} is neither a primitive ({", ".join(PRIMITIVES)}) '
-            f'nor a file that ends in .{", .".join(types)}'
-        )
-    if not os.path.isfile(path):
-        raise MeshError(f'mesh file {path[:200]} does not exist: check the path')
-    if os.path.getsize(path) > LARGEST_FILE:
-        raise MeshError(f'mesh file {path} is larger than 1 GiB: simplify the mesh first')
-    try:
-        shape = trimesh.load(path, file_type=extension, force='mesh', process=False)
-    except Exception as error:  # the parsers raise all kinds of exceptions
-        reason = ' '.join(str(error).split()) or type(error).__name__
-        raise MeshError(
-            f'mesh file {path} cannot be read as {extension.upper()} ({reason}): export it again'
-        ) from None
-    if not isinstance(shape, trimesh.Trimesh):
-        raise MeshError(
-            f'mesh file {path} holds no triangles: give a surface, not points or lines'
-        )
-    return shape
-
-
 def _check(vertices: np.ndarray, faces: np.ndarray, what: str) -> None:
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not len(vertices):
         raise MeshError(f'{what} has vertices of shape {vertices.shape}: it must be (n, 3), n > 0')
@@ -231,40 +302,19 @@ def _check(vertices: np.ndarray, faces: np.ndarray, what: str) -> None:
         raise MeshError(f'{what} has faces that refer to vertices outside 0 … {len(vertices) - 1}')
 
 
-def _fitted(vertices: np.ndarray, faces: np.ndarray, mesh: str) -> np.ndarray:
-    """Return the vertices, translated and scaled to fit the faces into a cube of half extent 1."""
+def _fitted(
+    vertices: np.ndarray, faces: np.ndarray, mesh: str
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """
+    Return vertices for which the faces just fit into a cube of half extent 1.
+
+    And where its centre was, (3,), and its half extent.
+    """
     used = vertices[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     with np.errstate(over='ignore'):
         half_extent = (high - low).max() / 2
     if not 0 < half_extent < np.inf:
         raise MeshError(f'mesh {mesh} measures {2 * half_extent:g} across: export it again')
-    return (vertices - (low + high) / 2) / half_extent
-
-
-def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces with equal positions merged, in the order of the file."""
-    first, same = trimesh.grouping.unique_rows(vertices, digits=15)
-    pairs = cKDTree(vertices[first]).query_pairs(WELD_DISTANCE, output_type='ndarray')
-    count = len(first)
-    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    groups = connected_components(links, directed=False)[1]
-    faces = _first_of_each(groups[same])[faces]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    kept = np.unique(faces)
-    return vertices[kept], np.searchsorted(kept, faces)
-
-
-def _first_of_each(groups: np.ndarray) -> np.ndarray:
-    """Return for each vertex the first one of its group."""
-    _, first, inverse = np.unique(groups, return_index=True, return_inverse=True)
-    return first[inverse]
-
-
-def _facing_outwards(surface: Surface) -> Surface:
-    """Return the surface with outward winding if closed; some exporters invert all triangles."""
-    a, b, c = surface.vertices[surface.faces.T]
-    if surface.closed and np.einsum('ij,ij->', a, np.cross(b, c)) < 0:
-        return Surface(surface.vertices, surface.faces[:, ::-1])
-    return surface
+    middle = (low + high) / 2
+    return (vertices - middle) / half_extent, middle, float(half_extent)
