@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from softbody_ros.core.geometry.mesh import LARGEST_MESH, PRIMITIVES, Surface
+from softbody_ros.core.geometry.simplification import FEWEST
 
 MODES = ('rigid', 'linear', 'quadratic')
 FRICTION_MODELS = ('viscous', 'coulomb')
@@ -251,7 +252,7 @@ class BodyConfig(Checked):
     One deformable object.
 
     `mesh` is the name of a primitive, the path of a mesh file, or a `Surface` made by the caller
-    (whose vertices are taken as they are, without `size`).
+    (whose vertices are taken as they are, without `size`). So is `visual_mesh`, if there is one.
     """
 
     name: str = 'body'
@@ -266,6 +267,15 @@ class BodyConfig(Checked):
         unit='m', minimum=1e-4, maximum=1e4, read_only=True,
     )  # fmt: skip
     subdivisions: int = setting(3, 'fineness of a primitive', minimum=0, maximum=8, read_only=True)
+    visual_mesh: str | Surface = setting(
+        '', 'a fine surface, given like mesh, that the simulated one carries and that is shown in '
+        'its place; empty: none', read_only=True,
+    )  # fmt: skip
+    simplify_to: int = setting(
+        0, 'vertices, about, to which the mesh is simplified for the simulation, while itself is '
+        'shown; 0 is off; needs fast-simplification', minimum=0, maximum=LARGEST_MESH,
+        read_only=True,
+    )  # fmt: skip
     position: tuple[float, ...] = _vector(
         (0.0, 0.0, 1.5), 'where the body starts, and returns to on reset', unit='m'
     )
@@ -376,11 +386,21 @@ class BodyConfig(Checked):
             indices = tuple(index for index in getattr(self, field) if index >= 0)
             object.__setattr__(self, field, indices)
         self._check_attachment()
+        if 0 < self.simplify_to < FEWEST:
+            raise ConfigError(
+                f'{self.prefix}simplify_to is {self.simplify_to}: it must be at least {FEWEST} '
+                'vertices, or 0, which is off'
+            )
         if self.friction_model == 'viscous' and self.friction > 1.0:
             raise ConfigError(
                 f'{self.prefix}friction is {self.friction:g}: with friction_model viscous it is '
                 'a fraction from 0 to 1; larger coefficients need friction_model coulomb'
             )
+
+    @property
+    def has_visual(self) -> bool:
+        """Whether it may be shown by another surface than the simulated one."""
+        return self.visual_mesh != '' or self.simplify_to > 0
 
     @property
     def has_pins(self) -> bool:

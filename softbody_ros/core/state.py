@@ -18,6 +18,7 @@ from softbody_ros.core.body import BODY, identity
 from softbody_ros.core.config import BodyConfig
 from softbody_ros.core.contact.exchange import rearranged
 from softbody_ros.core.contact.rows import NO_MEMORY
+from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.shape_matching.pins import Pins
 from softbody_ros.core.shape_matching.regions import REGION, Regions
 from softbody_ros.core.shape_matching.rest_shape import SHAPE, RestShape
@@ -25,12 +26,13 @@ from softbody_ros.core.shape_matching.rest_shape import SHAPE, RestShape
 
 @dataclass
 class Body:
-    """One body: its settings, rest shape, regions and pins; its particles are in `State`."""
+    """One body: its settings and all that is computed once; its particles are in `State`."""
 
     config: BodyConfig
     rest: RestShape
     regions: Regions | None = None
     pins: Pins | None = None
+    embedding: Embedding | None = None
 
 
 @dataclass(frozen=True, eq=False)
