@@ -7,6 +7,7 @@ from setuptools import find_packages, setup
 package_name = 'softbody_ros'
 BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
 ROBOT = ['yourdfpy>=0.0.56']
+SIMPLIFY = ['fast-simplification>=0.1.9', 'trimesh>=4.5']
 VIEWER = ['viser>=1.1,<1.2']
 
 setup(
@@ -49,6 +50,8 @@ setup(
         ],
         # links of a robot as obstacles: reads URDF, and COLLADA meshes
         'robot': ROBOT,
+        # bodies with `simplify_to`: quadric decimation, which trimesh calls from 4.5 on
+        'simplify': SIMPLIFY,
         'test': [
             'pytest>=7.4',
             'hypothesis',
@@ -59,6 +62,7 @@ setup(
             'cookie-description==1.2.1',
             *BAKE,
             *ROBOT,
+            *SIMPLIFY,
             *VIEWER,
             # drives Chromium, which is not a Python package: apt-get install chromium
             'playwright',

@@ -1358,6 +1358,11 @@ class World:
         body, x = self._bodies[self._index_of(name)], self.positions(name)
         return x if body.embedding is None else body.embedding.positions(x)
 
+    def visual_start_positions(self, name: str) -> np.ndarray:
+        """Return (k, 3) float: `visual_positions` at the start, to which `reset` returns, m."""
+        config = self.body_config(name)
+        return _placed_at_start(config, self.visual_surface(name).vertices).T
+
     def embedding(self, name: str) -> Embedding | None:
         """Return how the surface that a body is shown by is carried; None if it is simulated."""
         return self._bodies[self._index_of(name)].embedding
@@ -1479,8 +1484,13 @@ def _rows(values: ArrayLike, count: int, what: str) -> np.ndarray:
 
 def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
     """Return (3, n) float: the rest shape at the start pose, m."""
+    return _placed_at_start(body, rest.surface.vertices)
+
+
+def _placed_at_start(body: BodyConfig, vertices: np.ndarray) -> np.ndarray:
+    """Return (3, n) float: vertices (n, 3) of the body's own frame at the start pose, m."""
     rotation = Rotation.from_quat(body.orientation).as_matrix()
-    return rotation @ rest.surface.vertices.T + np.array(body.position)[:, None]
+    return rotation @ vertices.T + np.array(body.position)[:, None]
 
 
 def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
@@ -1538,7 +1548,7 @@ def _shape_key(config: BodyConfig) -> tuple:
         id(mesh) if isinstance(mesh, Surface) else mesh
         for mesh in (config.mesh, config.visual_mesh)
     )
-    is_loaded = isinstance(mesh, str) or isinstance(visual, str) and visual != ''
+    is_loaded = isinstance(mesh, str) or (isinstance(visual, str) and visual != '')
     size = (config.size, config.subdivisions) if is_loaded else None
     regions = (config.regions_count, config.regions_overlap)
     return mesh, visual, config.simplify_to, size, *regions
