@@ -10,6 +10,7 @@ the package fast-simplification, through trimesh.
 from __future__ import annotations
 
 import importlib.util
+import math
 
 import numpy as np
 import trimesh
@@ -70,8 +71,11 @@ def simplified(surface: Surface, count: int) -> Surface:
 
 def _decimated(surface: Surface, count: int, aggression: int) -> tuple[Surface, str]:
     """Return a surface with fewer vertices, and what is wrong with it."""
-    # to collapse an edge of two faces takes away a vertex and both
-    wanted = len(surface.faces) - 2 * (len(surface.vertices) - count)
+    # Euler's formula: to collapse an edge takes away a vertex and its two faces; at a boundary,
+    # which becomes shorter as lengths do, one
+    before = len(np.unique(surface.faces))
+    boundary = _boundary_edges(surface.faces) * (1.0 - math.sqrt(count / before))
+    wanted = len(surface.faces) - 2 * (before - count) + round(boundary)
     # it does not take arrays that cannot be written to
     mesh = trimesh.Trimesh(surface.vertices.copy(), surface.faces.copy(), process=False)
     try:
@@ -97,6 +101,12 @@ def _decimated(surface: Surface, count: int, aggression: int) -> tuple[Surface, 
         if not abs(share - 1.0) <= VOLUME_TOLERANCE:
             return result, f'{share:.0%} of the volume are left'
     return result, ''
+
+
+def _boundary_edges(faces: np.ndarray) -> int:
+    """Return the number of edges that have one face only."""
+    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    return int((np.unique(ends, axis=0, return_counts=True)[1] == 1).sum())
 
 
 def _volume(surface: Surface) -> float:
