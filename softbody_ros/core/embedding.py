@@ -66,6 +66,8 @@ THIN = 1e-4
 """det M / (tr M / 3)³ of the edges around a vertex below which they do not span a gradient."""
 OPPOSITE = 1e-3
 """1 + the cosine of two normals below which no rotation between them is defined."""
+TILE = 64
+"""Vertices that are carried at a time."""
 COLUMNS = 12
 """Numbers of a simulated vertex by which it carries others: its place, the columns of F."""
 
@@ -156,7 +158,11 @@ class Embedding:
         carriers = (self.weights[:, :, None] * self._rings.rest[self.corners]).sum(axis=1)
         # P − C + ½ C, and − ½ X_k in the place of a vertex
         middle = simulated.vertices[0] - self._rings.rest[0]
-        self._offsets = visual.vertices - middle - (1.0 - TANGENTIAL) * carriers
+        offsets = visual.vertices - middle - (1.0 - TANGENTIAL) * carriers
+        self._order = np.argsort(face, kind='stable')
+        self._first = np.searchsorted(face[self._order], np.arange(len(simulated.faces) + 1))
+        columns = np.concatenate([self.weights, offsets], axis=1)[self._order]
+        self._columns = np.ascontiguousarray(columns.T)
 
     def positions(self, simulated: np.ndarray) -> np.ndarray:
         """
@@ -172,7 +178,7 @@ class Embedding:
         table = np.empty((len(x), COLUMNS))
         put_gradients(x, self._rings, np.zeros((len(x), 3)), table)
         result = np.empty((len(self.corners), 3))
-        carry(table, self.corners, self.weights, self._offsets, result)
+        carry(table, self._rings.faces, self._first, self._order, self._columns, result)
         return result
 
     def values(self, simulated: np.ndarray) -> np.ndarray:
@@ -349,33 +355,53 @@ def put_gradients(x: np.ndarray, rings: Rings, normals: np.ndarray, table: np.nd
 @kernel
 def carry(
     table: np.ndarray,
-    corners: np.ndarray,
-    weights: np.ndarray,
-    offsets: np.ndarray,
+    faces: np.ndarray,
+    first: np.ndarray,
+    order: np.ndarray,
+    columns: np.ndarray,
     result: np.ndarray,
 ) -> None:
     """
     Write the positions (k, 3) of an embedded surface, m.
 
+    Face by face, whose vertices have the same corners: so one loop is over neighbours in memory,
+    and makes several of them at a time.
+
     Parameters
     ----------
     table : (n, 12) float
         of `put_gradients`
-    corners : (k, 3) int
-    weights : (k, 3) float
-    offsets : (k, 3) float
-        P − ½ C, from the centre at rest, m
+    faces : (f, 3) int
+        of the simulated surface
+    first : (f + 1,) int
+        where the vertices that belong to each face begin
+    order : (k,) int
+        the numbers of the vertices, face by face
+    columns : (6, k) float
+        of these barycentric coordinates, and P − ½ C from the centre at rest, m
     result : (k, 3) float
 
     """
-    for i in range(len(corners)):
-        a, b, c = table[corners[i, 0]], table[corners[i, 1]], table[corners[i, 2]]
-        u, v, w = weights[i, 0], weights[i, 1], weights[i, 2]
-        x, y, z = offsets[i, 0], offsets[i, 1], offsets[i, 2]
-        for k in range(3):
-            result[i, k] = (
-                (u * a[k] + v * b[k] + w * c[k])
-                + x * (u * a[k + 3] + v * b[k + 3] + w * c[k + 3])
-                + y * (u * a[k + 6] + v * b[k + 6] + w * c[k + 6])
-                + z * (u * a[k + 9] + v * b[k + 9] + w * c[k + 9])
-            )
+    places = np.empty((3, TILE))
+    for face in range(len(faces)):
+        a, b, c = table[faces[face, 0]], table[faces[face, 1]], table[faces[face, 2]]
+        for begin in range(first[face], first[face + 1], TILE):
+            end = min(begin + TILE, first[face + 1])
+            u, v, w = columns[0, begin:end], columns[1, begin:end], columns[2, begin:end]
+            x, y, z = columns[3, begin:end], columns[4, begin:end], columns[5, begin:end]
+            for axis in range(3):
+                a0, a1, a2, a3 = a[axis], a[axis + 3], a[axis + 6], a[axis + 9]
+                b0, b1, b2, b3 = b[axis], b[axis + 3], b[axis + 6], b[axis + 9]
+                c0, c1, c2, c3 = c[axis], c[axis + 3], c[axis + 6], c[axis + 9]
+                row = places[axis]
+                for i in range(end - begin):
+                    row[i] = (
+                        u[i] * (a0 + a1 * x[i] + a2 * y[i] + a3 * z[i])
+                        + v[i] * (b0 + b1 * x[i] + b2 * y[i] + b3 * z[i])
+                        + w[i] * (c0 + c1 * x[i] + c2 * y[i] + c3 * z[i])
+                    )
+            for i in range(end - begin):
+                vertex = order[begin + i]
+                result[vertex, 0] = places[0, i]
+                result[vertex, 1] = places[1, i]
+                result[vertex, 2] = places[2, i]

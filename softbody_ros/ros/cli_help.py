@@ -36,6 +36,7 @@ topics that it publishes (~ is {node}):
   ~/points            PointCloud2      the deformed vertices of all bodies
   ~/mesh              Marker           their surfaces, for RViz
   ~/rest_mesh         Mesh             latched: the triangles, with indices as in ~/points
+  ~/visual_mesh       MarkerArray      latched: fine surfaces that bodies carry, at the start
   ~/obstacle_markers  MarkerArray      latched: what is in the way
   ~/odometry          Odometry         pose and twist of each body
   ~/contacts          WrenchStamped    what bodies feel; of one body: ~/contacts/ball
