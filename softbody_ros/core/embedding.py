@@ -69,7 +69,7 @@ OPPOSITE = 1e-3
 TILE = 64
 """Vertices that are carried at a time."""
 COLUMNS = 12
-"""Numbers of a simulated vertex by which it carries others: its place, the columns of F."""
+"""Numbers of a simulated vertex by which it carries others: x − ½ F X, the columns of F."""
 
 
 class Rings(NamedTuple):
