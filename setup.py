@@ -8,6 +8,7 @@ package_name = 'softbody_ros'
 DAE = ['pycollada>=0.7']
 BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
 ROBOT = ['yourdfpy>=0.0.56']
+SIMPLIFY = ['fast-simplification>=0.1.9', 'trimesh>=4.5']
 VIEWER = ['viser>=1.1,<1.2']
 
 setup(
@@ -52,6 +53,8 @@ setup(
         ],
         # links of a robot as obstacles: reads URDF, and COLLADA meshes
         'robot': ROBOT,
+        # bodies with `simplify_to`: quadric decimation, which trimesh calls from 4.5 on
+        'simplify': SIMPLIFY,
         'test': [
             'pytest>=7.4',
             'hypothesis',
@@ -63,6 +66,7 @@ setup(
             *BAKE,
             *DAE,
             *ROBOT,
+            *SIMPLIFY,
             *VIEWER,
             # drives Chromium, which is not a Python package: apt-get install chromium
             'playwright',

@@ -30,13 +30,16 @@ class Frame:
     index : int
         from 0
     positions : dict of (n, 3) float
-        of the vertices of each body, m
+        of the particles of each body, m
+    pictures : dict of (k, 3) float
+        of the vertices of the surface by which each body is shown, m
     obstacles : dict of Obstacle
 
     """
 
     index: int
     positions: dict[str, np.ndarray]
+    pictures: dict[str, np.ndarray]
     obstacles: dict[str, Obstacle]
 
 
@@ -84,8 +87,12 @@ class Film:
         return np.rint(self.times / self.scene.world.time_step).astype(np.int64)
 
     def surface(self, body: str) -> Surface:
-        """Return the surface of a body; its faces are those of every frame."""
+        """Return the simulated surface of a body; its faces are those of every frame."""
         return self.world.rest_shape(body).surface
+
+    def picture(self, body: str) -> Surface:
+        """Return the surface by which a body is shown; its faces are those of every frame."""
+        return self.world.visual_surface(body)
 
     def color(self, body: str) -> tuple[float, ...]:
         """Return red, green, blue and alpha as in the scene, sRGB."""
@@ -105,14 +112,21 @@ class Film:
         for index, tick in enumerate(self.ticks.tolist()):
             world.step(tick - world.tick)
             positions = {name: world.positions(name) for name in world.names}
-            yield Frame(index, positions, {item.config.name: item for item in world.obstacles})
+            pictures = {
+                name: each
+                if (carried := world.embedding(name)) is None
+                else carried.positions(each)
+                for name, each in positions.items()
+            }
+            standing = {item.config.name: item for item in world.obstacles}
+            yield Frame(index, positions, pictures, standing)
 
     def plane_reach(self, plane: ObstacleConfig) -> float:
         """Return half the side of the square that represents an infinite plane, m."""
         reach = 0.0
         for body in self.scene.world.bodies:
             away = np.abs(np.subtract(body.position, plane.position)).max()
-            reach = max(reach, float(away + 10.0 * np.abs(self.surface(body.name).vertices).max()))
+            reach = max(reach, float(away + 10.0 * np.abs(self.picture(body.name).vertices).max()))
         return reach
 
 

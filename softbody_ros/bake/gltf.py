@@ -30,7 +30,7 @@ Z_UP_TO_Y_UP = [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
 def size(film: Film) -> int:
     """Return the approximate number of bytes of the file of a film."""
     frames = len(film.times)
-    vertices = sum(len(shading(film.surface(name)).origin) for name in film.world.names)
+    vertices = sum(len(shading(film.picture(name)).origin) for name in film.world.names)
     return 24 * frames * vertices + 4 * frames**2 * len(film.world.names)
 
 
@@ -58,8 +58,8 @@ class GltfWriter:
 
     def add(self, frame: Frame) -> None:
         """Take a frame."""
-        positions = {name: each.astype(np.float32) for name, each in frame.positions.items()}
-        self._frames.append(Frame(frame.index, positions, frame.obstacles))
+        pictures = {name: each.astype(np.float32) for name, each in frame.pictures.items()}
+        self._frames.append(Frame(frame.index, {}, pictures, frame.obstacles))
 
     def finish(self) -> None:
         """Write the file."""
@@ -95,8 +95,8 @@ class _Document:
         self.gltf.set_binary_blob(self._blob)
 
     def _add_body(self, name: str, film: Film) -> None:
-        surface = film.surface(name)
-        first, *later = (frame.positions[name] for frame in self._frames)
+        surface = film.picture(name)
+        first, *later = (frame.pictures[name] for frame in self._frames)
         shown = shading(surface)
         normals, *later_normals = (shown.normals(each) for each in (first, *later))
         material = self._material(name, film.color(name), not surface.closed)

@@ -3,6 +3,9 @@
 """
 Films as NumPy archives with the exact float64 state; `np.load` reads them.
 
+Of bodies that are shown by another surface they have the simulated one: `Embedding` gives that of
+any frame, exactly.
+
 | array | type and shape | |
 |---|---|---|
 | fps | float | frames in a simulated second |

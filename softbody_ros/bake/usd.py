@@ -54,7 +54,7 @@ class UsdWriter:
 
     def add(self, frame: Frame) -> None:
         """Take a frame."""
-        for name, positions in frame.positions.items():
+        for name, positions in frame.pictures.items():
             self._waiting += self._bodies[name].show(positions, Usd.TimeCode(frame.index))
         for name, obstacle in frame.obstacles.items():
             if obstacle.moves:
@@ -70,7 +70,7 @@ class UsdWriter:
 
     def _body(self, film: Film, name: str) -> _Mesh:
         color = film.color(name)
-        body = _Mesh(self._stage, f'{ROOT}/bodies/{name}', film.surface(name))
+        body = _Mesh(self._stage, f'{ROOT}/bodies/{name}', film.picture(name))
         _paint(body.prim, color, self._material(name, color))
         return body
 

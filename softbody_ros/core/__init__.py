@@ -34,12 +34,13 @@ integrated over time (contact_forces.py); mean_wrenches.py has the means for rea
 config.py has all settings; external_inputs.py the inputs at run time: obstacles, points, wrenches,
 gravity; poke.py localised impulses; attachments.py what of a body moves with an obstacle;
 kinematic_tree.py and links.py links of robots as obstacles; prepared_config.py other bodies and
-obstacles, loaded beforehand.
+obstacles, loaded beforehand. embedding.py carries fine surfaces by simulated ones, for pictures.
 """
 
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
 from softbody_ros.core.contact_forces import ContactImpulse
+from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import MeshError, MeshFrame, Surface, make_surface
 from softbody_ros.core.mean_wrenches import MeanWrenches
@@ -52,6 +53,7 @@ __all__ = [
     'BodyConfig',
     'ConfigError',
     'ContactImpulse',
+    'Embedding',
     'MeanWrenches',
     'MeshError',
     'MeshFrame',

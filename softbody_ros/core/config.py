@@ -30,6 +30,7 @@ from softbody_ros.core.geometry.mesh import (
     MeshFrame,
     Surface,
 )
+from softbody_ros.core.geometry.simplification import FEWEST
 
 MODES = ('rigid', 'linear', 'quadratic')
 FRICTION_MODELS = ('viscous', 'coulomb')
@@ -282,7 +283,7 @@ class BodyConfig(Checked):
     One deformable object.
 
     `mesh` is the name of a primitive, the path of a mesh file, or a `Surface` made by the caller
-    (whose vertices are taken as they are, without `size`).
+    (whose vertices are taken as they are, without `size`). So is `visual_mesh`, if there is one.
     """
 
     name: str = 'body'
@@ -304,6 +305,15 @@ class BodyConfig(Checked):
     mass_distribution: str = setting(
         'surface', 'over the surface, by area, as of a hollow ball; or over the volume that it '
         'encloses, as of a solid one', choices=MASS_DISTRIBUTIONS, read_only=True,
+    )  # fmt: skip
+    visual_mesh: str | Surface = setting(
+        '', 'a fine surface, given like mesh, that the simulated one carries and that is shown in '
+        'its place; empty: none', read_only=True,
+    )  # fmt: skip
+    simplify_to: int = setting(
+        0, 'vertices, about, to which the mesh is simplified for the simulation, while itself is '
+        'shown; 0 is off; needs fast-simplification', minimum=0, maximum=LARGEST_MESH,
+        read_only=True,
     )  # fmt: skip
     position: tuple[float, ...] = _vector(
         (0.0, 0.0, 1.5), 'where the body starts, and returns to on reset', unit='m'
@@ -429,6 +439,11 @@ class BodyConfig(Checked):
         self._check_attachment()
         if self.young_modulus > 0.0:
             self._check_modulus()
+        if 0 < self.simplify_to < FEWEST:
+            raise ConfigError(
+                f'{self.prefix}simplify_to is {self.simplify_to}: it must be at least {FEWEST} '
+                'vertices, or 0, which is off'
+            )
         if self.friction_model == 'viscous' and self.friction > 1.0:
             raise ConfigError(
                 f'{self.prefix}friction is {self.friction:g}: with friction_model viscous it is '
@@ -447,6 +462,11 @@ class BodyConfig(Checked):
     def mesh_frame(self) -> MeshFrame:
         """How the coordinates of its mesh file become its own."""
         return MeshFrame(self.mesh_scale, self.mesh_origin, self.mesh_up)
+
+    @property
+    def has_visual(self) -> bool:
+        """Whether it may be shown by another surface than the simulated one."""
+        return self.visual_mesh != '' or self.simplify_to > 0
 
     @property
     def has_pins(self) -> bool:

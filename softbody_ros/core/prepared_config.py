@@ -7,11 +7,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import os
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 from weakref import WeakValueDictionary
 
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.config import BodyConfig, ObstacleConfig, WorldConfig
+from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.geometry.mesh import PRIMITIVES, Surface
 from softbody_ros.core.shape_matching.regions import Regions
 from softbody_ros.core.shape_matching.rest_shape import RestShape
@@ -20,7 +21,14 @@ BYTES = 1000
 """Approximate memory of a config besides its items, and of one of these."""
 
 Item = TypeVar('Item', BodyConfig, ObstacleConfig)
-Shape = tuple[RestShape, Regions | None]
+
+
+class Shape(NamedTuple):
+    """What follows from the meshes of a body: bodies of equal ones share it."""
+
+    rest: RestShape
+    regions: Regions | None
+    embedding: Embedding | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +39,7 @@ class PreparedConfig:
     Attributes
     ----------
     config : WorldConfig
-    shapes : mapping of str to (RestShape, Regions or None)
+    shapes : mapping of str to Shape
         of the bodies that are new in it
     obstacles : mapping of str to Obstacle
         that are new in it
@@ -48,7 +56,7 @@ class PreparedConfig:
 
 class ShapeCache:
     """
-    Rest shapes and regions that somebody, or a snapshot, still has: equal ones are shared.
+    Shapes that somebody, or a snapshot, still has: equal ones are shared.
 
     So what comes and goes many times is loaded once, as long as the history remembers it. A mesh
     file that has changed is another mesh.
@@ -57,44 +65,54 @@ class ShapeCache:
     def __init__(self) -> None:
         self._rests: WeakValueDictionary[tuple, RestShape] = WeakValueDictionary()
         self._regions: WeakValueDictionary[tuple, Regions] = WeakValueDictionary()
+        self._embeddings: WeakValueDictionary[tuple, Embedding] = WeakValueDictionary()
 
     def get(self, config: BodyConfig) -> Shape | None:
         """Return the shape of a body, if there is one."""
         key = _mesh_key(config)
-        rest, regions = self._rests.get(key), None
+        rest, regions, embedding = self._rests.get(key), None, None
+        if rest is None:
+            return None
         if config.regions_count:
             regions = self._regions.get((*key, *_division(config)))
-        return (
-            None if rest is None or (config.regions_count and regions is None) else (rest, regions)
-        )
+            if regions is None:
+                return None
+        if config.has_visual:
+            embedding = self._embeddings.get((*key, _source(config.visual_mesh)))
+            if embedding is None:
+                return None
+        return Shape(rest, regions, embedding)
 
     def put(self, config: BodyConfig, shape: Shape) -> None:
         """Remember the shape of a body."""
-        key, (rest, regions) = _mesh_key(config), shape
-        self._rests[key] = rest
-        if regions is not None:
-            self._regions[*key, *_division(config)] = regions
+        if isinstance(config.mesh, Surface) and shape.rest.surface is not config.mesh:
+            return  # simplified: nothing of the shape keeps its number from being another's
+        key = _mesh_key(config)
+        self._rests[key] = shape.rest
+        if shape.regions is not None:
+            self._regions[*key, *_division(config)] = shape.regions
+        if shape.embedding is not None:
+            self._embeddings[*key, _source(config.visual_mesh)] = shape.embedding
 
 
 def _mesh_key(config: BodyConfig) -> tuple:
-    # the number of a Surface is its own as long as there is a rest shape that has it
-    if isinstance(config.mesh, Surface):
-        return id(config.mesh), config.mass_distribution
+    size = (config.size, config.mesh_frame, config.subdivisions)
+    return _source(config.mesh), config.simplify_to, config.mass_distribution, size
+
+
+def _source(mesh: str | Surface) -> tuple:
+    """Return what tells whether a mesh is the same: of a file its name and when it changed."""
+    # the number of a Surface is its own as long as there is a shape that has it
+    if isinstance(mesh, Surface):
+        return (id(mesh),)
     stamp = None
-    if config.mesh not in PRIMITIVES:
+    if mesh and mesh not in PRIMITIVES:
         try:
-            file = os.stat(config.mesh)
+            file = os.stat(mesh)
             stamp = file.st_mtime_ns, file.st_size
         except (OSError, ValueError):
             pass  # whoever loads it says so
-    return (
-        config.mesh,
-        config.size,
-        config.mesh_frame,
-        config.subdivisions,
-        config.mass_distribution,
-        stamp,
-    )
+    return mesh, stamp
 
 
 def _division(config: BodyConfig) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from softbody_ros.core.body import BODY, identity
 from softbody_ros.core.config import BodyConfig
 from softbody_ros.core.contact.exchange import rearranged
 from softbody_ros.core.contact.rows import NO_MEMORY
+from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.shape_matching.material import Material
 from softbody_ros.core.shape_matching.pins import Pins
 from softbody_ros.core.shape_matching.regions import REGION, Regions
@@ -31,7 +32,7 @@ SAMPLES_TO_SLEEP = 5
 @dataclass
 class Body:
     """
-    One body: its settings, rest shape, regions and pins; its particles are in `State`.
+    One body: its settings and all that is computed once; its particles are in `State`.
 
     The material is that of its settings, once they are in use.
     """
@@ -40,6 +41,7 @@ class Body:
     rest: RestShape
     regions: Regions | None = None
     pins: Pins | None = None
+    embedding: Embedding | None = None
     material: Material = field(init=False)
 
 

@@ -185,6 +185,8 @@ def warm_up(before_contact: Callable[[], None] = lambda: None) -> None:
     world._integrator.find_rows(every, environment, world.config.time_step)
     world.rigid_fit(world.names[0])
     world.poke(world.positions(world.names[0])[0], 0.1, 0.5)
+    fine = BodyConfig(mesh='box', subdivisions=0, visual_mesh='icosphere')
+    World(WorldConfig(bodies=(fine,))).visual_positions(fine.name)
     before_contact()
 
     world = everything()

@@ -9,6 +9,7 @@ from contextlib import suppress
 import dataclasses
 from dataclasses import dataclass
 import math
+from operator import is_not
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ from softbody_ros.core.config import (
 from softbody_ros.core.contact import exchange
 from softbody_ros.core.contact.rows import NO_MEMORY, without
 from softbody_ros.core.contact_forces import ContactImpulse, ObstacleKey
+from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.external_inputs import (
     EVERY_BODY,
     ExternalInputs,
@@ -44,6 +46,7 @@ from softbody_ros.core.external_inputs import (
 from softbody_ros.core.geometry.bounding_boxes import overlapping
 from softbody_ros.core.geometry.bvh import make_tree
 from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.geometry.simplification import simplified
 from softbody_ros.core.prepared_config import (
     BYTES,
     PreparedConfig,
@@ -610,9 +613,9 @@ class World:
             shape = shape or self._known_shapes.get(body)
             if shape is None and is_new:
                 shape = self._loaded_shape(body)
-                nbytes += 200 * shape[0].particle_count
+                nbytes += _bytes_of(shape)
             if shape is not None:
-                _require_possible(body, shape[0])
+                _require_possible(body, shape.rest)
                 if is_new:
                     shapes[body.name] = shape
         made = {
@@ -639,7 +642,7 @@ class World:
                 continue
             if config.name in prepared.shapes or index is None:
                 shape = prepared.shapes.get(config.name) or self._shape_of(config)
-                x, rest = _start_surface(config, shape[0]), shape[0]
+                x, rest = _start_surface(config, shape.rest), shape.rest
             elif config.attachment != self._bodies[index].config.attachment:
                 x, rest = self._state.surface_positions(index).T, self._bodies[index].rest
             else:
@@ -675,7 +678,7 @@ class World:
         for config in prepared.config.bodies:
             if _structure(config) not in present:
                 shape = prepared.shapes.get(config.name) or self._shape_of(config)
-                new_bodies.append(Body(config, *shape, pins=make_pins(config, shape[0])))
+                new_bodies.append(_body_of(config, shape))
         new_obstacles = [
             prepared.obstacles.get(config.name) or obstacles.made(config)
             for config in prepared.config.obstacles
@@ -706,9 +709,9 @@ class World:
 
     def _make_body(self, config: BodyConfig) -> Body:
         """Return a body, which shares its rest shape with others of the same mesh."""
-        rest, regions = self._shape_of(config)
-        _require_possible(config, rest)
-        return Body(config, rest, regions, make_pins(config, rest))
+        shape = self._shape_of(config)
+        _require_possible(config, shape.rest)
+        return _body_of(config, shape)
 
     def _shape_of(self, config: BodyConfig) -> Shape:
         key = _shape_key(config)
@@ -721,11 +724,10 @@ class World:
         index = self._index.get(config.name)
         if index is None or _structure(self._bodies[index].config) != _structure(config):
             return None
-        return self._bodies[index].rest, self._bodies[index].regions
+        return _shape_of_body(self._bodies[index])
 
     def _loaded_shape(self, config: BodyConfig) -> Shape:
-        rest = _rest_shape_of(config)
-        shape = rest, _regions_of(config, rest)
+        shape = _make_shape(config)
         self._known_shapes.put(config, shape)
         return shape
 
@@ -733,9 +735,7 @@ class World:
         """Build the arrays for the present bodies."""
         self.rebuilds += 1
         self._index = {body.config.name: index for index, body in enumerate(self._bodies)}
-        self._shapes = {
-            _shape_key(body.config): (body.rest, body.regions) for body in self._bodies
-        }
+        self._shapes = {_shape_key(body.config): _shape_of_body(body) for body in self._bodies}
         self._state = State(self._bodies)
         self._body_boxes = sleeping.BodyBoxes(self._state)
         self._awake = None
@@ -800,7 +800,7 @@ class World:
             same = now.get(key)
             if same is None:
                 same = dataclasses.replace(body)
-            elif same.rest is not body.rest or same.regions is not body.regions:
+            elif any(map(is_not, _shape_of_body(same), _shape_of_body(body))):
                 # it has been removed and added again since, perhaps with another mesh file
                 same = dataclasses.replace(body, config=same.config)
             chosen.append(same)
@@ -1328,6 +1328,9 @@ class World:
         for body in self._bodies:
             surface, prefix = body.rest.surface, body.config.prefix
             result += [prefix + note for note in surface.notes]
+            visual = self.visual_surface(body.config.name)
+            if visual.source != surface.source:
+                result += [f'{prefix}visual_{note}' for note in visual.notes]
             if len(surface.faces) and not surface.closed:
                 defects, remedy = surface.openness
                 name = f'mesh {surface.source}'.rstrip()
@@ -1386,6 +1389,30 @@ class World:
         count = self.rest_shape(name).surface_count
         return self._state.velocities(self._index_of(name))[:, :count].T.copy()
 
+    def visual_surface(self, name: str) -> Surface:
+        """
+        Return the surface that a body is shown by, at rest.
+
+        That of `visual_mesh`, of a mesh that is simplified the mesh itself, else the simulated
+        one.
+        """
+        body = self._bodies[self._index_of(name)]
+        return body.rest.surface if body.embedding is None else body.embedding.visual
+
+    def visual_positions(self, name: str) -> np.ndarray:
+        """Return (k, 3) float: the positions of the vertices of `visual_surface`, m."""
+        body, x = self._bodies[self._index_of(name)], self.positions(name)
+        return x if body.embedding is None else body.embedding.positions(x)
+
+    def visual_start_positions(self, name: str) -> np.ndarray:
+        """Return (k, 3) float: `visual_positions` at the start, to which `reset` returns, m."""
+        config = self.body_config(name)
+        return _placed_at_start(config, self.visual_surface(name).vertices).T
+
+    def embedding(self, name: str) -> Embedding | None:
+        """Return how the surface that a body is shown by is carried; None if it is simulated."""
+        return self._bodies[self._index_of(name)].embedding
+
     @property
     def solver_work(self) -> SolverWork:
         """What the solution of contacts has taken since bodies were last added or removed."""
@@ -1432,16 +1459,54 @@ def same_structure(one: WorldConfig, other: WorldConfig) -> bool:
     return [_structure(item) for item in one.items] == [_structure(item) for item in other.items]
 
 
-def _rest_shape_of(body: BodyConfig) -> RestShape:
+def _make_shape(body: BodyConfig) -> Shape:
+    """
+    Return what follows from the meshes of a body.
+
+    Raises
+    ------
+    ConfigError, MeshError
+        with one sentence that says what to change.
+
+    """
     try:
-        surface = body.mesh
-        if not isinstance(surface, Surface):
-            surface = make_surface(surface, body.size, body.subdivisions, body.mesh_frame)
-        if body.mass_distribution == 'volume':
-            return make_solid_rest_shape(surface)
-        return make_rest_shape(surface)
+        surface = fine = _surface_of(body, body.mesh)
+        if body.simplify_to:
+            surface = simplified(fine, body.simplify_to)
+        is_solid = body.mass_distribution == 'volume'
+        rest = make_solid_rest_shape(surface) if is_solid else make_rest_shape(surface)
     except MeshError as error:
         raise MeshError(f'{body.prefix}{error}') from None
+    regions = _regions_of(body, rest)
+    try:
+        if body.visual_mesh != '':
+            fine = _surface_of(body, body.visual_mesh)
+        embedding = None if fine is surface else Embedding(surface, fine)
+    except MeshError as error:
+        raise MeshError(f'{body.prefix}visual_{error}') from None
+    return Shape(rest, regions, embedding)
+
+
+def _surface_of(body: BodyConfig, mesh: str | Surface) -> Surface:
+    """Return a surface of a body: all of them are loaded alike."""
+    if isinstance(mesh, Surface):
+        return mesh
+    return make_surface(mesh, body.size, body.subdivisions, body.mesh_frame)
+
+
+def _body_of(config: BodyConfig, shape: Shape) -> Body:
+    pins = make_pins(config, shape.rest)
+    return Body(config, shape.rest, shape.regions, pins, shape.embedding)
+
+
+def _shape_of_body(body: Body) -> Shape:
+    return Shape(body.rest, body.regions, body.embedding)
+
+
+def _bytes_of(shape: Shape) -> int:
+    """Return the approximate memory of a shape."""
+    fine = 0 if shape.embedding is None else len(shape.embedding.visual.vertices)
+    return 200 * shape.rest.particle_count + 200 * fine
 
 
 def _regions_of(body: BodyConfig, rest: RestShape) -> Regions | None:
@@ -1477,13 +1542,18 @@ def _rows(values: ArrayLike, count: int, what: str) -> np.ndarray:
 
 def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
     """Return (3, N) float: all particles of the rest shape at the start pose, m."""
-    rotation = Rotation.from_quat(body.orientation).as_matrix()
-    return rotation @ rest.particles.T + np.array(body.position)[:, None]
+    return _placed_at_start(body, rest.particles)
 
 
 def _start_surface(body: BodyConfig, rest: RestShape) -> np.ndarray:
     """Return (n, 3) float: the surface at the start pose, m."""
     return _start_positions(body, rest)[:, : rest.surface_count].T
+
+
+def _placed_at_start(body: BodyConfig, points: np.ndarray) -> np.ndarray:
+    """Return (3, n) float: points (n, 3) of the body's own frame at the start pose, m."""
+    rotation = Rotation.from_quat(body.orientation).as_matrix()
+    return rotation @ points.T + np.array(body.position)[:, None]
 
 
 def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
@@ -1536,18 +1606,15 @@ def _structure(config: BodyConfig | ObstacleConfig) -> tuple:
 
 
 def _shape_key(config: BodyConfig) -> tuple:
-    """Return the key by which bodies share rest shape and regions."""
-    regions = (config.regions_count, config.regions_overlap)
-    if isinstance(config.mesh, Surface):
-        return id(config.mesh), config.mass_distribution, *regions
-    return (
-        config.mesh,
-        config.size,
-        config.mesh_frame,
-        config.subdivisions,
-        config.mass_distribution,
-        *regions,
+    """Return the key by which bodies share rest shape, regions and embedding."""
+    mesh, visual = (
+        id(mesh) if isinstance(mesh, Surface) else mesh
+        for mesh in (config.mesh, config.visual_mesh)
     )
+    is_loaded = isinstance(mesh, str) or (isinstance(visual, str) and visual != '')
+    size = (config.size, config.mesh_frame, config.subdivisions) if is_loaded else None
+    regions = (config.regions_count, config.regions_overlap)
+    return mesh, visual, config.simplify_to, config.mass_distribution, size, *regions
 
 
 def _with_config(obstacle: Obstacle, config: ObstacleConfig) -> Obstacle:

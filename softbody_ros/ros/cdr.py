@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Writer of Common Data Representation, little endian: the serialization of ROS 2 messages.
+Common Data Representation, little endian: the serialization of ROS 2 messages.
 
 Only what the bulk messages need: offsets follow from the alignment rules of the OMG DDS
 Interoperability specification (formal/2014-09-01, section 10.2): each primitive is aligned to its
@@ -11,6 +11,7 @@ size, counted from the end of the encapsulation header.
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 ENCAPSULATION = b'\x00\x01\x00\x00'
 
@@ -64,3 +65,51 @@ class CdrWriter:
     def _align(self, size: int) -> None:
         position = self._offset + len(self._bytes)
         self._bytes += bytes(-position % size)
+
+
+class CdrReader:
+    """
+    Reads primitives with their alignment.
+
+    Parameters
+    ----------
+    data : bytes
+        a message with its encapsulation header
+
+    Raises
+    ------
+    ValueError
+        by each method, if the message ends before.
+
+    """
+
+    def __init__(self, data: bytes) -> None:
+        if data[: len(ENCAPSULATION)] != ENCAPSULATION:
+            raise ValueError('it is no little-endian CDR')
+        self._data = memoryview(data)[len(ENCAPSULATION) :]
+        self._position = 0
+
+    def primitives(self, kinds: str) -> tuple:
+        """Return one value per letter of `kinds`: struct's codes, for example i, I, f, d, ?, B."""
+        values: list[Any] = []
+        for kind in kinds:
+            size = struct.calcsize('<' + kind)
+            values += struct.unpack('<' + kind, self._take(size, size))
+        return tuple(values)
+
+    def string(self) -> str:
+        """Return a string."""
+        (length,) = self.primitives('I')
+        return bytes(self._take(length, 1)).rstrip(b'\x00').decode(errors='replace')
+
+    def sequence(self, size: int, alignment: int) -> memoryview:
+        """Return the bytes of a sequence whose elements have a size, a multiple of alignment."""
+        (count,) = self.primitives('I')
+        return self._take(size * count, alignment if count else 1)
+
+    def _take(self, length: int, alignment: int) -> memoryview:
+        begin = self._position + -self._position % alignment
+        self._position = begin + length
+        if self._position > len(self._data):
+            raise ValueError(f'it is cut off after {len(self._data)} bytes')
+        return self._data[begin : self._position]

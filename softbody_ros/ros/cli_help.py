@@ -36,6 +36,7 @@ topics that it publishes (~ is {node}):
   ~/points            PointCloud2      the deformed vertices of all bodies
   ~/mesh              Marker           their surfaces, for RViz
   ~/rest_mesh         Mesh             latched: the triangles, with indices as in ~/points
+  ~/visual_mesh       MarkerArray      latched: fine surfaces that bodies carry, at the start
   ~/obstacle_markers  MarkerArray      latched: what is in the way
   ~/odometry          Odometry         pose and twist of each body
   ~/contacts          WrenchStamped    what bodies feel; of one body: ~/contacts/ball
@@ -48,7 +49,8 @@ services: ~/reset, ~/apply_initial_velocity, ~/pause, ~/step
 
 parameters, most of which change while it runs ('ball' and 'ground' are names):
   bodies, obstacles    the names of what is in the scene: set them to add and remove
-  ball.mesh            .size, .subdivisions, .mesh_scale, .mesh_origin, .mesh_up: its shape; .color
+  ball.mesh            .size, .subdivisions, .mesh_scale, .mesh_origin, .mesh_up: its shape;
+                       .visual_mesh, .simplify_to, .color: how it is shown
   ball.position        and .orientation, .initial_velocity: how it starts
   ball.mode            rigid, linear or quadratic; .stiffness, or .natural_frequency, or
                        .young_modulus; .bounciness, .deformation, .volume_conservation, .damping

@@ -225,25 +225,74 @@ def serialized_obstacles(stamp: int, frame_id: str, shown: Sequence[ShownObstacl
     shown : sequence of ShownObstacle
 
     """
-    time = _stamp_bytes(stamp)
-    parts: list[bytes | memoryview] = [struct.pack('<I', len(shown) + 1), time]
-    parts.append(_marker_head(12, frame_id, '', 0, 0, Marker.DELETEALL))
-    parts += [_IDENTITY_POSE, _marker_shape((0.0,) * 3, (0.0,) * 4, 0), _marker_end()]
-    offset = sum(map(len, parts))
+    markers = []
     for item, pose in zip(shown, _poses([item.obstacle for item in shown]), strict=True):
         config = item.obstacle.config
         kind, axes = _SHAPES.get(config.type, (Marker.TRIANGLE_LIST, ()))
         scale = tuple(2.0 * config.size[axis] for axis in axes) or (1.0, 1.0, 1.0)
         corners = b'' if axes else _raw(item.obstacle.triangles)
+        text = 'plane' if config.type == 'plane' else ''
+        markers.append(
+            _PackedMarker(
+                item.namespace, item.number, kind, pose, scale, item.color, corners, text
+            )
+        )
+    return _serialized_array(stamp, frame_id, markers)
+
+
+class ShownSurface(NamedTuple):
+    """A surface with the namespace, id and colour of its marker; its triangles (m, 3, 3), m."""
+
+    namespace: str
+    number: int
+    color: tuple[float, ...]
+    triangles: np.ndarray
+
+
+def serialized_surfaces(stamp: int, frame_id: str, shown: Sequence[ShownSurface]) -> bytes:
+    """Return a serialized visualization_msgs/MarkerArray: a DELETEALL, then TRIANGLE_LISTs."""
+    unit = (1.0, 1.0, 1.0)
+    markers = []
+    for namespace, number, color, triangles in shown:
+        corners = _raw(np.ascontiguousarray(triangles, dtype='<f8'))
+        markers.append(
+            _PackedMarker(
+                namespace, number, Marker.TRIANGLE_LIST, _IDENTITY_POSE, unit, color, corners
+            )
+        )
+    return _serialized_array(stamp, frame_id, markers)
+
+
+class _PackedMarker(NamedTuple):
+    """A marker; its pose and its corners are bytes."""
+
+    namespace: str
+    number: int
+    kind: int
+    pose: bytes
+    scale: tuple[float, ...]
+    color: tuple[float, ...]
+    corners: bytes | memoryview
+    text: str = ''
+
+
+def _serialized_array(stamp: int, frame_id: str, markers: Sequence[_PackedMarker]) -> bytes:
+    """Return a serialized visualization_msgs/MarkerArray: a DELETEALL, then the markers."""
+    time = _stamp_bytes(stamp)
+    parts: list[bytes | memoryview] = [struct.pack('<I', len(markers) + 1), time]
+    parts.append(_marker_head(12, frame_id, '', 0, 0, Marker.DELETEALL))
+    parts += [_IDENTITY_POSE, _marker_shape((0.0,) * 3, (0.0,) * 4, 0), _marker_end()]
+    offset = sum(map(len, parts))
+    for item in markers:
         padding = bytes(-offset % 4)
         at = (offset + len(padding) + len(time)) % 8
         marker: list[bytes | memoryview] = [
             padding + time,
-            _marker_head(at, frame_id, item.namespace, item.number, kind, Marker.ADD),
-            pose,
-            _marker_shape(scale, item.color, len(corners) // 24),
-            corners,
-            _marker_end('plane' if config.type == 'plane' else ''),
+            _marker_head(at, frame_id, item.namespace, item.number, item.kind, Marker.ADD),
+            item.pose,
+            _marker_shape(item.scale, item.color, len(item.corners) // 24),
+            item.corners,
+            _marker_end(item.text),
         ]
         offset += sum(map(len, marker))
         parts += marker

@@ -29,7 +29,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
 from softbody_ros.core.shape_matching.gains import damping_ratio
@@ -151,6 +151,7 @@ class SimNode(Node):
         self._body_frames = BodyFrames(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
+        self._visual_mesh = self.create_publisher(MarkerArray, '~/visual_mesh', LATCHED)
         self._described: tuple[str, ...] = ()
 
     def _create_services(self) -> None:
@@ -364,9 +365,12 @@ class SimNode(Node):
 
     def _publish_mesh(self, stamp: int, positions: Callable[[str], np.ndarray]) -> None:
         for name in self._world.names:
-            faces = self._world.rest_shape(name).surface.faces
+            embedding, vertices = self._world.embedding(name), positions(name)
+            if embedding is not None:
+                vertices = embedding.positions(vertices)
+            faces = self._world.visual_surface(name).faces
             # several times faster than fancy indexing
-            corners = positions(name).take(faces.reshape(-1), axis=0)
+            corners = vertices.take(faces.reshape(-1), axis=0)
             color = self._scene.appearances[name].color
             self._mesh.publish(
                 messages.serialized_marker(stamp, self._frame_id, name, color, corners)
@@ -386,6 +390,24 @@ class SimNode(Node):
             vertices.append(self._world.start_positions(name))
             faces.append(self._world.rest_shape(name).surface.faces + first)
             first += len(vertices[-1])
+        self._visual_mesh.publish(
+            messages.serialized_surfaces(
+                stamp,
+                self._frame_id,
+                [
+                    messages.ShownSurface(
+                        name,
+                        self._numbers[name],
+                        self._scene.appearances[name].color,
+                        self._world.visual_start_positions(name).take(
+                            self._world.visual_surface(name).faces.reshape(-1), axis=0
+                        ),
+                    )
+                    for name in names
+                    if self._world.embedding(name) is not None
+                ],
+            )
+        )
         self._rest_mesh.publish(
             messages.serialized_mesh(np.concatenate(vertices), np.concatenate(faces))
         )

@@ -29,7 +29,7 @@ from softbody_ros.timeline.stepper import Stepper
 MOST_START_VALUES = 10_000
 """Largest number of values that are kept for bodies and obstacles that are not there."""
 LISTS = ('bodies', 'obstacles')
-LOOKS = ('mesh', 'color')
+LOOKS = ('mesh', 'visual_mesh', 'color')
 """What the config of a world does not have as it was set."""
 
 Values = Mapping[str, Any]
@@ -308,9 +308,10 @@ class SceneParameters:
     def _values_of(self, item: BodyConfig | ObstacleConfig) -> Values:
         """Return the parameters of a body or an obstacle that comes back."""
         values, looks = parameters.values_of(item), self._looks.get(item.name, {})
-        mesh = f'{item.name}.mesh'
-        if mesh in looks and parameters.mesh_path(looks[mesh]) == item.mesh:
-            values[mesh] = looks[mesh]
+        for field in parameters.mesh_fields(item):
+            name = f'{item.name}.{field}'
+            if name in looks and parameters.mesh_path(looks[name]) == getattr(item, field):
+                values[name] = looks[name]
         color = f'{item.name}.color'
         if isinstance(item, BodyConfig) and color in looks:
             values[color] = looks[color]

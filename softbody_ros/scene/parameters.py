@@ -271,7 +271,15 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
 
 
 def _with_mesh_path(config: _HasMesh) -> _HasMesh:
-    return dataclasses.replace(config, mesh=mesh_path(str(config.mesh)))
+    paths: dict[str, Any] = {
+        field: mesh_path(str(getattr(config, field))) for field in mesh_fields(config)
+    }
+    return dataclasses.replace(config, **paths)
+
+
+def mesh_fields(config: BodyConfig | ObstacleConfig) -> tuple[str, ...]:
+    """Return the settings that are the paths of meshes."""
+    return ('mesh', 'visual_mesh') if isinstance(config, BodyConfig) else ('mesh',)
 
 
 def mesh_path(mesh: str) -> str:

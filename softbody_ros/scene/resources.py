@@ -298,18 +298,22 @@ def _moved(
 
 def _require_meshes(world: WorldConfig) -> None:
     for item in world.items:
-        mesh = str(item.mesh)
-        if mesh in PRIMITIVES or (isinstance(item, ObstacleConfig) and item.type != 'mesh'):
+        if isinstance(item, ObstacleConfig) and item.type != 'mesh':
             continue
-        if os.path.splitext(mesh)[1].lower().lstrip('.') not in FILE_TYPES:
-            raise ResourceError(
-                Problem.MESH,
-                f'{item.prefix}mesh {mesh!r} is {_neither_nor(FILE_TYPES)}',
-            )
-        if not os.path.isfile(mesh):
-            raise ResourceError(
-                Problem.MISSING_MESH, f'{item.prefix}mesh: the file {mesh} does not exist'
-            )
+        for field in parameters.mesh_fields(item):
+            mesh = str(getattr(item, field))
+            if mesh in PRIMITIVES or (field != 'mesh' and not mesh):
+                continue
+            if os.path.splitext(mesh)[1].lower().lstrip('.') not in FILE_TYPES:
+                raise ResourceError(
+                    Problem.MESH,
+                    f'{item.prefix}{field} {mesh!r} is {_neither_nor(FILE_TYPES)}',
+                )
+            if not os.path.isfile(mesh):
+                raise ResourceError(
+                    Problem.MISSING_MESH,
+                    f'{item.prefix}{field}: the file {mesh} does not exist',
+                )
 
 
 def _neither_nor(endings: Sequence[str]) -> str:

@@ -21,7 +21,8 @@ examples:
   viewer --host 0.0.0.0               for browsers on other machines, too: whoever reaches the
                                       port can steer the node
   ros2 bag play my_bag                a bag with /softbody_sim/points and /softbody_sim/rest_mesh
-                                      is shown like a node, without anything to steer
+                                      is shown like a node, without anything to steer; with
+                                      visual_mesh as well where bodies carry fine surfaces
 
 Drag turns the view, a click on a body pokes it. What follows --ros-args goes to ROS.
 """

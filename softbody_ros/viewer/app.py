@@ -31,7 +31,7 @@ from visualization_msgs.msg import MarkerArray
 
 from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
-from softbody_ros.viewer.decoding import Color, Frame, FrameError, Surface
+from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
 from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, UNITS, Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
@@ -72,6 +72,8 @@ class Viewer(Node):
         self._asked = -PATIENCE
         self._is_described = self._is_outdated = False
         self._surface: Surface | None = None
+        self._visuals: dict[int, Surface] = {}
+        self._picture: Picture | None = None
         self._colors: dict[str, Color] = {}
         self._numbers: dict[int, str] = {}
         self._drawn = ''
@@ -93,6 +95,7 @@ class Viewer(Node):
         # raw: only those clouds that are shown get deserialized
         listen(PointCloud2, f'{target}/points', self._take_cloud, 1, raw=True)
         listen(Mesh, f'{target}/rest_mesh', self._take_mesh, LATCHED, raw=True)
+        listen(MarkerArray, f'{target}/visual_mesh', self._take_visuals, LATCHED, raw=True)
         listen(MarkerArray, f'{target}/obstacle_markers', self._take_obstacles, LATCHED)
         listen(DiagnosticArray, '/diagnostics', self._take_diagnostics, 10)
         self._poke = self.create_publisher(PointStamped, f'{target}/poke', 10)
@@ -131,7 +134,15 @@ class Viewer(Node):
             self._view.look_at(surface)
         # after an earlier one: a new node of this name may have other parameters
         self._is_outdated = self._surface is not None
-        self._surface, self._drawn = surface, ''
+        self._surface, self._picture = surface, None
+
+    def _take_visuals(self, markers: bytes) -> None:
+        try:
+            self._visuals = decoding.visuals(markers)
+        except FrameError as error:
+            self._problem = f'{self._target}/visual_mesh: {error}'
+            return
+        self._picture = None
 
     def _take_obstacles(self, message: MarkerArray) -> None:
         self._view.set_obstacles(message.markers)
@@ -164,13 +175,15 @@ class Viewer(Node):
         frame = self._frame
         if frame is None or self._surface is None or not self._surface.fits(frame):
             return
-        if not np.array_equal(frame.body, self._drawn_body):
-            self._drawn, self._drawn_body = '', frame.body
+        picture = self._picture
+        if picture is None or not np.array_equal(frame.body, self._drawn_body):
+            picture = self._compose(self._surface, frame.body)
         numbers = self._drawn_numbers if self._drawn else np.unique(frame.body).tolist()
         colors = {number: self._color_of(number) for number in numbers}
         if self._drawn != repr(colors):
             self._drawn, self._drawn_numbers = repr(colors), numbers
-            self._view.set_bodies(self._surface, frame.body, colors)
+            self._view.set_bodies(picture.surface, picture.body, colors)
+        frame = picture.of(frame)
         coloring = self._panel.coloring
         values = {BY_DISPLACEMENT: frame.displacement, BY_PRESSURE: frame.pressure}.get(coloring)
         if values is None:
@@ -181,6 +194,16 @@ class Viewer(Node):
             self._panel.legend(most)
             self._view.show(frame, values, most)
         self._shown += 1
+
+    def _compose(self, surface: Surface, body: np.ndarray) -> Picture:
+        """Choose what is drawn: the particles, or what they carry."""
+        try:
+            picture = Picture(surface, body, self._visuals)
+        except FrameError as error:
+            self._problem = f'{self._target}/visual_mesh: {error}'
+            picture = Picture(surface, body, {})
+        self._picture, self._drawn, self._drawn_body = picture, '', body
+        return picture
 
     def _color_of(self, number: int) -> Color:
         """Return the colour of a body by its number in the clouds."""
@@ -317,9 +340,12 @@ class Viewer(Node):
         self._later(lambda: self._poke_along(origin, direction))
 
     def _poke_along(self, origin: np.ndarray, direction: np.ndarray) -> None:
-        if self._frame is None or self._surface is None or not self._surface.fits(self._frame):
+        if self._frame is None or self._picture is None:
             return
-        point = decoding.first_hit(origin, direction, self._frame.positions, self._surface.faces)
+        shown, surface = self._picture.of(self._frame), self._picture.surface
+        if not surface.fits(shown):
+            return
+        point = decoding.first_hit(origin, direction, shown.positions, surface.faces)
         if point is None:
             return
         message = PointStamped()

@@ -11,8 +11,12 @@ from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import PointField
+from visualization_msgs.msg import Marker
 
+from softbody_ros.core import Embedding, compiled
+from softbody_ros.core.geometry import mesh
 from softbody_ros.core.geometry.mesh import vertex_normals
+from softbody_ros.ros.cdr import CdrReader
 from softbody_ros.ros.messages import NUMBER_IN_POINTS, POINT_FIELDS, POINT_TYPE
 
 COLORS = np.array(
@@ -159,6 +163,137 @@ def surface(data: bytes) -> Surface:
     if not np.abs(vertices).max(initial=0.0) < np.finfo(np.float32).max:
         raise FrameError('the mesh has a vertex whose place is not finite')
     return Surface(vertices.astype(float), faces.astype(np.uint32))
+
+
+def visuals(data: bytes) -> dict[int, Surface]:
+    """
+    Decode a serialized visualization_msgs/MarkerArray of `~/visual_mesh`.
+
+    Returns
+    -------
+    dict of Surface
+        at the start pose, by the number of the body in `~/points`
+
+    Raises
+    ------
+    FrameError
+        if it is truncated, or a corner is not finite.
+
+    """
+    result: dict[int, Surface] = {}
+    try:
+        reader = CdrReader(data)
+        (count,) = reader.primitives('I')
+        for _ in range(count):
+            number, action, corners = _marker(reader)
+            if action == Marker.ADD and len(corners):
+                result[number] = _welded(corners)
+    except ValueError as error:
+        raise FrameError(f'the markers cannot be read: {error}') from None
+    return result
+
+
+def _marker(reader: CdrReader) -> tuple[int, int, np.ndarray]:
+    """Read a Marker; return its id, action and points (n, 3)."""
+    reader.primitives('iI'), reader.string(), reader.string()  # stamp, frame_id, ns
+    number, _, action = reader.primitives('iii')
+    reader.primitives('d' * 10 + 'f' * 4 + 'iI?')  # pose, scale, color, lifetime, frame_locked
+    points = np.frombuffer(reader.sequence(24, 8), '<f8').reshape(-1, 3)
+    reader.sequence(16, 4), reader.string()  # colors, texture_resource
+    reader.primitives('iI'), reader.string(), reader.string(), reader.sequence(1, 1)  # texture
+    reader.sequence(8, 4), reader.string(), reader.string()  # uv_coordinates, text, mesh_resource
+    reader.string(), reader.sequence(1, 1), reader.primitives('?')  # mesh_file, materials
+    return number, action, points
+
+
+def _welded(corners: np.ndarray) -> Surface:
+    """Return the surface with corners (3 m, 3): equal ones are one vertex."""
+    if not np.abs(corners).max() < np.finfo(np.float32).max:
+        raise FrameError('a marker has a corner whose place is not finite')
+    rows = np.ascontiguousarray(corners + 0.0).view(np.dtype((np.void, 24))).ravel()
+    _, first, index = np.unique(rows, return_index=True, return_inverse=True)
+    faces = index[: len(rows) // 3 * 3].reshape(-1, 3).astype(np.uint32)
+    return Surface(corners[first], faces)
+
+
+class Picture:
+    """
+    What is drawn of the bodies: their particles, or the surfaces that these carry.
+
+    Parameters
+    ----------
+    surface : Surface
+        of all particles, at rest
+    body : (n,) int
+        the number of the body of each particle
+    visuals : mapping of int to Surface
+        that bodies carry, by their numbers
+
+    Attributes
+    ----------
+    surface : Surface
+        that is drawn, at rest
+    body : (k,) int
+        the number of the body of each of its vertices
+
+    """
+
+    def __init__(self, surface: Surface, body: np.ndarray, visuals: Mapping[int, Surface]) -> None:
+        self.surface, self.body = surface, body
+        self._carried: list[tuple[np.ndarray, Embedding]] = []
+        present = [number for number in np.unique(body).tolist() if number in visuals]
+        # without machine code it would take minutes
+        if not present or not compiled.is_compiled():
+            return
+        self._plain = np.flatnonzero(~np.isin(body, present))
+        shown, bodies = [_restricted(surface, self._plain)], [body[self._plain]]
+        for number in present:
+            particles = np.flatnonzero(body == number)
+            simulated, visual = _restricted(surface, particles), visuals[number]
+            try:
+                embedding = Embedding(
+                    mesh.Surface(simulated.vertices, simulated.faces),
+                    mesh.Surface(visual.vertices, visual.faces),
+                )
+            except mesh.MeshError as error:
+                raise FrameError(f'body {number}: {error}') from None
+            self._carried.append((particles, embedding))
+            shown.append(visual)
+            bodies.append(np.full(len(visual.vertices), number, body.dtype))
+        first = np.cumsum([0, *(len(each.vertices) for each in shown)])
+        faces = [each.faces + begin for each, begin in zip(shown, first, strict=False)]
+        self.surface = Surface(
+            np.concatenate([each.vertices for each in shown]),
+            np.concatenate(faces).astype(np.uint32),
+        )
+        self.body = np.concatenate(bodies)
+
+    def of(self, frame: Frame) -> Frame:
+        """Return a frame with the vertices of what is drawn in place of the particles."""
+        if not self._carried:
+            return frame
+        places = [frame.positions[self._plain]]
+        displacements, pressures = [frame.displacement[self._plain]], [frame.pressure[self._plain]]
+        for particles, embedding in self._carried:
+            places.append(embedding.positions(frame.positions[particles]).astype(np.float32))
+            displacements.append(embedding.values(frame.displacement[particles]))
+            pressures.append(embedding.values(frame.pressure[particles]))
+        return Frame(
+            frame.frame_id,
+            np.concatenate(places),
+            np.concatenate(displacements),
+            np.concatenate(pressures),
+            self.body,
+        )
+
+
+def _restricted(surface: Surface, vertices: np.ndarray) -> Surface:
+    """Return what is left of a surface with some vertices (k,) only, in ascending order."""
+    kept = np.zeros(len(surface.vertices), bool)
+    kept[vertices] = True
+    renumbered = np.cumsum(kept) - 1
+    faces = renumbered[surface.faces[kept[surface.faces].all(axis=1)]]
+    return Surface(surface.vertices[vertices], faces.astype(np.uint32))
 
 
 @dataclass(frozen=True)
