@@ -30,7 +30,6 @@ try:
   sim_node --ros-args -p ball.mesh:=/path/to/part.stl -p ball.size:=0.3
   ros2 param set {node} ball.stiffness 0.1
   ros2 service call {node}/reset std_srvs/srv/Trigger
-  ros2 topic echo {node}/contacts/ball
 
 topics that it publishes (~ is {node}):
   ~/points            PointCloud2      the deformed vertices of all bodies
@@ -59,11 +58,9 @@ parameters, most of which change while it runs ('ball' and 'ground' are names):
   ball.regions         local bending; .plasticity: dents that stay; .pins, .attach: held vertices
   ground.type          and .mesh, .size, .position, .orientation, .velocity of an obstacle;
                        .surface_velocity, .friction, .elasticity: of its surface
-  gravity              .magnitude and .direction
-  time_scale           slow motion; time_step, reference_step, step_count, history: time
+  gravity, time_scale  slow motion; time_step, reference_step, step_count, history: time
   points_rate          and mesh_rate: how often it publishes; frame_id, publish_tf: frames
-  input_timeout        and poke, obstacle_points: what others send
-  robot                .links, .pose, .friction: links of a robot that are in the way
+  input_timeout        and poke, obstacle_points, robot: what others send, and links of a robot
 Each with range and unit: ros2 param describe {node} ball.stiffness, or the README."""
 
 
