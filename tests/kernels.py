@@ -89,16 +89,18 @@ def of_rest_volume(transform, rest):
 
 
 @kernel
-def all_degeneracies(transform, volume, result):
+def all_degeneracies(transform, volume, shapes, result):
+    gram = shapes[0]['gram']
     for k in range(len(transform)):
         elastic = matching.linear_block(transform[k])
-        result[k, 0, 0] = matching.degeneracy_of(transform[k], elastic, volume[k, 0, 0])
+        degeneracy = matching.degeneracy_of(transform[k], elastic, volume[k, 0, 0], gram)
+        result[k, 0, 0] = degeneracy
 
 
-def degeneracy(transform, volume):
+def degeneracy(transform, volume, rest):
     """Return how far (B,) transforms (B, 3, F) are beyond what a goal can follow."""
     rows = transposed(transform), np.asarray(volume)[..., None, None]
-    return over(all_degeneracies, rows, out=(1, 1))[..., 0, 0]
+    return over(all_degeneracies, rows, rest.record()[None], out=(1, 1))[..., 0, 0]
 
 
 @kernel

@@ -219,7 +219,7 @@ def test_the_blend_goes_from_the_rotation_to_the_fit():
 # ------------------------------------------------------------------------------- degeneracy
 def degeneracy(transform, rest):
     fits = np.asarray(transform, dtype=float)[None]
-    return matching.degeneracy(fits, matching.relative_volume(fits, rest))[0]
+    return matching.degeneracy(fits, matching.relative_volume(fits, rest), rest)[0]
 
 
 @pytest.mark.parametrize('features', [3, 9])
@@ -253,6 +253,17 @@ def test_a_body_that_is_bent_too_far_has_strayed():
     rest, bend = make_rest_shape(SHAPES['icosphere']), np.zeros((3, 9))
     bend[:, :3], bend[0, 4] = np.eye(3), 5.0
     assert degeneracy(bend, rest) == 1.0
+
+
+def test_coefficients_that_move_nothing_are_no_bend():
+    ball = make_rest_shape(SHAPES['icosphere'])
+    noise = 1.0 + 1e-4 * np.random.default_rng(1).standard_normal((ball.surface_count, 1))
+    surface = Surface(ball.surface.vertices * noise, ball.surface.faces)
+    fit = np.zeros((3, 9))
+    fit[:, :3], fit[2, 3:6] = np.eye(3), 100.0  # of x² + y² + z²
+    assert degeneracy(fit, make_rest_shape(surface)) == 0.0
+    fit[2, 7] = 1.0  # and of y z
+    assert degeneracy(fit, make_rest_shape(surface)) > 0.0
 
 
 # ---------------------------------------------------------------------------------------- volume

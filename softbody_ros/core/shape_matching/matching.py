@@ -36,6 +36,9 @@ LARGEST_STRETCH = 4.0, 6.0
 """The same for |A|, which is √3 for a rest shape."""
 LARGEST_BEND = 0.7, 1.2
 """The same for the norm of the quadratic block: beyond it surfaces invert."""
+WELL_SPANNED = 1.0 / 15.0
+"""Mean square of the features x y of a ball. Coefficients of what is barely spanned, as x² + y² + z²
+is by what is nearly a ball, are large, but bend nothing: their displacements count."""
 LEAST_VOLUME, LARGEST_VOLUME = (0.4, 0.25), (2.5, 4.0)
 """The same for the relative volume."""
 VOLUME_STEPS = 2
@@ -178,7 +181,20 @@ def ramp(value: float, start: float, end: float) -> float:
 
 
 @helper
-def degeneracy_of(transform: np.ndarray, elastic: Matrix, volume: float) -> float:
+def mean_square(transform: np.ndarray, gram: np.ndarray) -> float:
+    """Return Σ w |T f|² of the quadratic block."""
+    total = 0.0
+    for i in range(LINEAR, len(transform)):
+        for j in range(LINEAR, len(transform)):
+            product = transform[i, 0] * transform[j, 0] + transform[i, 1] * transform[j, 1]
+            total += gram[i, j] * (product + transform[i, 2] * transform[j, 2])
+    return max(total, 0.0)
+
+
+@helper
+def degeneracy_of(
+    transform: np.ndarray, elastic: Matrix, volume: float, gram: np.ndarray
+) -> float:
     """
     Return the degeneracy of a fit: whether it is inverted, flat, overstretched or folded.
 
@@ -190,6 +206,8 @@ def degeneracy_of(transform: np.ndarray, elastic: Matrix, volume: float) -> floa
         its linear block, relative to the permanently deformed shape
     volume : float
         relative volume of the fit
+    gram : (9, 9) float
+        of the rest shape
 
     Returns
     -------
@@ -206,6 +224,8 @@ def degeneracy_of(transform: np.ndarray, elastic: Matrix, volume: float) -> floa
     beyond = max(beyond, ramp(volume, LARGEST_VOLUME[0], LARGEST_VOLUME[1]))
     if len(transform) > LINEAR:
         bend = scalar_product(transform[LINEAR:], transform[LINEAR:])
+        if bend > LARGEST_BEND[0] * LARGEST_BEND[0]:
+            bend = min(bend, mean_square(transform, gram) / WELL_SPANNED)
         beyond = max(beyond, ramp(math.sqrt(bend), LARGEST_BEND[0], LARGEST_BEND[1]))
     return min(beyond, 1.0)
 
