@@ -27,7 +27,14 @@ from core_helpers import (
 import numpy as np
 import pytest
 
-from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig, make_surface
+from softbody_ros.core import (
+    BodyConfig,
+    ObstacleConfig,
+    Surface,
+    World,
+    WorldConfig,
+    make_surface,
+)
 from softbody_ros.core.body import BODY
 from softbody_ros.core.shape_matching.gains import (
     DEGENERATE,
@@ -704,3 +711,23 @@ def test_a_live_change_of_parameters_reaches_the_next_tick():
     before = world.positions('body')
     world.step(10)
     assert world.positions('body') == pytest.approx(before, abs=1e-12)
+
+
+def test_what_is_nearly_a_ball_bounces_as_a_ball():
+    """As a scanned or simplified one, which barely spans x² + y² + z²."""
+    ball = make_surface('icosphere', 0.5, 2)
+    found = []
+    for noise in (0.0, 3e-5, 1e-3):
+        factors = 1.0 + noise * np.random.default_rng(1).standard_normal((len(ball.vertices), 1))
+        surface = Surface(factors * ball.vertices, ball.faces)
+        world = World(WorldConfig(bodies=(BodyConfig(name='body', mesh=surface),)))
+        lowest = apex = 9.0
+        while world.time < 1.2:
+            world.step()
+            height = np.ptp(world.positions('body')[:, 2])
+            if world.time < 0.7:
+                lowest, apex = min(lowest, height), 0.0
+            apex = max(apex, world.rigid_fit('body').position[2])
+        found.append((lowest, apex))
+    assert found[1] == pytest.approx(found[0], rel=1e-3)
+    assert found[2] == pytest.approx(found[0], rel=1e-2)

@@ -37,8 +37,8 @@ LARGEST_STRETCH = 4.0, 6.0
 LARGEST_BEND = 0.7, 1.2
 """The same for the norm of the quadratic block: beyond it surfaces invert."""
 WELL_SPANNED = 1.0 / 15.0
-"""Mean square of the features x y of a ball. Coefficients of what is barely spanned, as x² + y² + z²
-is by what is nearly a ball, are large, but bend nothing: their displacements count."""
+"""Mean square of the feature x y of a ball. Coefficients of what a shape barely spans, as nearly a
+ball does x² + y² + z², are large, but bend nothing: their displacements count."""
 LEAST_VOLUME, LARGEST_VOLUME = (0.4, 0.25), (2.5, 4.0)
 """The same for the relative volume."""
 VOLUME_STEPS = 2
