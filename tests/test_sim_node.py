@@ -70,8 +70,9 @@ def step_to(graph, ticks):
 
 
 # ------------------------------------------------------------------------------------------ topics
-def test_points_have_every_particle_and_fall(graph):
-    graph.sim_node(**SMALL)
+@pytest.mark.parametrize('distribution', ['surface', 'volume'])
+def test_points_have_every_vertex_and_fall(graph, distribution):
+    graph.sim_node(**SMALL, ball__mass_distribution=distribution)
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
     graph.spin_until(lambda: len(clouds) > 20)
     cloud = clouds[0]
