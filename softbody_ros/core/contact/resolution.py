@@ -124,6 +124,9 @@ LEVER = 2.0
 """Displacement of particles by contacts at others, relative to that at these, at most."""
 RELEASED = 1e-12
 """Force, relative to that of the positions, that is rounding: the contact has ended."""
+REMEMBERED = 0.95
+"""Share of the force of the tick before to which the compliance of a rigid body has yielded
+already: in rest the problem is solved as it is, and pressure becomes even in 20 ticks."""
 ROUNDS = 4
 """Linearisations of the positions, at most."""
 LARGEST_TWIST = 0.01
@@ -1012,9 +1015,9 @@ def begin_positions(
         start = scaled(0.5 * h * h, vector_of(row['remembered']))
         row['bias'][0] = row['linear_gap'] = row['gap']
         row['force'][0] = max(dot(start, vector_of(row['normal'])), 0.0)
-        if mobility > 0.0:
-            # for changes of the force only
-            row['bias'][0] -= compliance * row['force'][0]
+        # for changes of the force only, but that pressure becomes even in time
+        share = 1.0 if mobility > 0.0 else REMEMBERED
+        row['bias'][0] -= share * compliance * row['force'][0]
         for axis in range(2):
             along_tangent = dot(start, vector_of(row['tangents'][axis]))
             row['force'][1 + axis] = along_tangent
