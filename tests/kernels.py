@@ -90,10 +90,10 @@ def of_rest_volume(transform, rest):
 
 @kernel
 def all_degeneracies(transform, volume, shapes, result):
-    gram = shapes[0]['gram']
+    bend_gram = shapes[0]['bend_gram']
     for k in range(len(transform)):
         elastic = matching.linear_block(transform[k])
-        degeneracy = matching.degeneracy_of(transform[k], elastic, volume[k, 0, 0], gram)
+        degeneracy = matching.degeneracy_of(transform[k], elastic, volume[k, 0, 0], bend_gram)
         result[k, 0, 0] = degeneracy
 
 

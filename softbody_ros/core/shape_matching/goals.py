@@ -90,7 +90,7 @@ def find_goal(
     fit(moment, undeformed, shape, fitted)
     volume = move_to_rest_volume(fitted, shape, volume_fit, scratch[3], scratch[4], 1.0)
     elastic = elastic_of(linear_block(fitted), plastic, is_plastic)
-    degeneracy = degeneracy_of(fitted, elastic, volume, shape['gram'])
+    degeneracy = degeneracy_of(fitted, elastic, volume, shape['bend_gram'])
     conserves = 1.0 if degeneracy < 1.0 else 0.0
     conserved, beta = body['volume_conservation'], body['deformation']
     regularity = 1.0 - degeneracy

@@ -35,10 +35,9 @@ LEAST_CONDITIONING = 0.3, 0.15
 LARGEST_STRETCH = 4.0, 6.0
 """The same for |A|, which is √3 for a rest shape."""
 LARGEST_BEND = 0.7, 1.2
-"""The same for the norm of the quadratic block: beyond it surfaces invert."""
-WELL_SPANNED = 1.0 / 15.0
-"""Mean square of the feature x y of a ball. Coefficients of what a shape barely spans, as nearly a
-ball does x² + y² + z², are large, but bend nothing: their displacements count."""
+"""The same for the norm of the quadratic block: beyond it surfaces invert. Coefficients of what a
+shape barely spans, as nearly a ball does x² + y² + z², are large, but bend nothing: if less, it is
+the RMS of the gradient of its displacements along the surface."""
 LEAST_VOLUME, LARGEST_VOLUME = (0.4, 0.25), (2.5, 4.0)
 """The same for the relative volume."""
 VOLUME_STEPS = 2
@@ -182,10 +181,10 @@ def ramp(value: float, start: float, end: float) -> float:
 
 @helper
 def mean_square(transform: np.ndarray, gram: np.ndarray) -> float:
-    """Return Σ w |T f|² of the quadratic block."""
+    """Return tr(Tᵀ G T), the mean square of T f for G the mean of f fᵀ."""
     total = 0.0
-    for i in range(LINEAR, len(transform)):
-        for j in range(LINEAR, len(transform)):
+    for i in range(len(transform)):
+        for j in range(len(transform)):
             product = transform[i, 0] * transform[j, 0] + transform[i, 1] * transform[j, 1]
             total += gram[i, j] * (product + transform[i, 2] * transform[j, 2])
     return max(total, 0.0)
@@ -193,7 +192,7 @@ def mean_square(transform: np.ndarray, gram: np.ndarray) -> float:
 
 @helper
 def degeneracy_of(
-    transform: np.ndarray, elastic: Matrix, volume: float, gram: np.ndarray
+    transform: np.ndarray, elastic: Matrix, volume: float, bend_gram: np.ndarray
 ) -> float:
     """
     Return the degeneracy of a fit: whether it is inverted, flat, overstretched or folded.
@@ -206,7 +205,7 @@ def degeneracy_of(
         its linear block, relative to the permanently deformed shape
     volume : float
         relative volume of the fit
-    gram : (9, 9) float
+    bend_gram : (6, 6) float
         of the rest shape
 
     Returns
@@ -225,7 +224,7 @@ def degeneracy_of(
     if len(transform) > LINEAR:
         bend = scalar_product(transform[LINEAR:], transform[LINEAR:])
         if bend > LARGEST_BEND[0] * LARGEST_BEND[0]:
-            bend = min(bend, mean_square(transform, gram) / WELL_SPANNED)
+            bend = min(bend, mean_square(transform[LINEAR:], bend_gram))
         beyond = max(beyond, ramp(math.sqrt(bend), LARGEST_BEND[0], LARGEST_BEND[1]))
     return min(beyond, 1.0)
 

@@ -448,7 +448,7 @@ def find_rest_volume(
     fill(direction, 0.0)
     volume = move_to_rest_volume(fitted, shape, volume_fit, gradient, direction, 1.0 - flattened)
     elastic = elastic_of(linear_block(fitted), matrix_of(stretch[now, row]), is_plastic)
-    degeneracy = degeneracy_of(fitted, elastic, volume, shape['gram'])
+    degeneracy = degeneracy_of(fitted, elastic, volume, shape['bend_gram'])
     body['degeneracy'] = degeneracy
     slope = max(scalar_product(gradient, direction), LEAST_SLOPE)
     scale_transform(direction, 1.0 / math.sqrt(slope))

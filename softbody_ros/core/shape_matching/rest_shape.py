@@ -19,6 +19,8 @@ LINEAR, QUADRATIC = 3, 9
 RANK_CUT = 1e-9
 """Eigenvalues below this fraction of the largest count as zero: of sheets, rods, boxes."""
 FACE_BLOCK = 1 << 16
+BALL = 0.4
+"""Mean of |∇(x y)|² along a ball of radius 1."""
 
 SHAPE = np.dtype(
     [
@@ -38,6 +40,7 @@ SHAPE = np.dtype(
         ('feature_rounding', np.float64, (QUADRATIC,)),
         ('weight_rounding', np.float64),
         ('gram', np.float64, (QUADRATIC, QUADRATIC)),
+        ('bend_gram', np.float64, (QUADRATIC - LINEAR, QUADRATIC - LINEAR)),
         ('inverse_linear', np.float64, (LINEAR, LINEAR)),
         ('inverse_quadratic', np.float64, (QUADRATIC, QUADRATIC)),
         ('unspanned_linear', np.float64, (LINEAR, LINEAR)),
@@ -86,6 +89,9 @@ class RestShape:
         what rounding leaves of Σ w f = 0 after that, and of Σ w − 1 = 0
     gram : (9, 9) float
         Σ w f fᵀ
+    bend_gram : (6, 6) float
+        mean of ∇f ∇fᵀ over the surface, of products of coordinates and gradients along it, such
+        that it is 1 for x y of a ball; 1 without faces
     inverse_linear, inverse_quadratic : (3, 3), (9, 9) float
         pseudo-inverse of the Gram matrix of the first 3, or all 9, features (Müller et al. 2005,
         eq. 7 and section 4.3)
@@ -111,6 +117,7 @@ class RestShape:
     feature_rounding: np.ndarray
     weight_rounding: float
     gram: np.ndarray
+    bend_gram: np.ndarray
     inverse_linear: np.ndarray
     inverse_quadratic: np.ndarray
     unspanned_linear: np.ndarray
@@ -183,6 +190,7 @@ class RestShape:
         record['feature_means'], record['gram'] = self.feature_means, self.gram
         record['feature_rounding'] = self.feature_rounding
         record['weight_rounding'] = self.weight_rounding
+        record['bend_gram'] = self.bend_gram
         record['inverse_linear'] = self.inverse_linear
         record['inverse_quadratic'] = self.inverse_quadratic
         record['unspanned_linear'] = self.unspanned_linear
@@ -246,6 +254,7 @@ def make_rest_shape(
         feature_rounding=np.array([fsum((weights * f).tolist()) for f in features]),
         weight_rounding=fsum([-1.0, *weights.tolist()]),
         gram=gram,
+        bend_gram=_bend_gram(surface.faces, q),
         inverse_linear=inverse_linear,
         inverse_quadratic=inverse_quadratic,
         unspanned_linear=unspanned_linear,
@@ -344,6 +353,35 @@ def _volume_form(surface: Surface, features: np.ndarray) -> np.ndarray:
         moments[0, 1, 2] = 1.0
         form = _antisymmetric(moments)
     return form / form[0, 1, 2]
+
+
+def _bend_gram(faces: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the mean over faces of ∇f ∇fᵀ, see `RestShape`."""
+    total, area = np.zeros((QUADRATIC - LINEAR,) * 2), 0.0
+    for start in range(0, len(faces), FACE_BLOCK):
+        a, b, c = (q[:, corner] for corner in faces[start:][:FACE_BLOCK].T)
+        normal = np.cross(b - a, c - a, axis=0)
+        double = np.sqrt((normal * normal).sum(axis=0))
+        normal /= np.maximum(double, 1e-300)
+        x, y, z = (a + b + c) / 3.0
+        zero = np.zeros_like(x)
+        gradients = np.array(
+            [
+                [2.0 * x, zero, zero],
+                [zero, 2.0 * y, zero],
+                [zero, zero, 2.0 * z],
+                [y, x, zero],
+                [zero, z, y],
+                [z, zero, x],
+            ]
+        )
+        across = (gradients * normal).sum(axis=1)
+        gradients -= across[:, None] * normal
+        for i in range(len(total)):
+            for j in range(len(total)):
+                total[i, j] += ((gradients[i] * gradients[j]).sum(axis=0) * double).sum()
+        area += double.sum()
+    return total / (BALL * area) if area > 0.0 else np.eye(len(total))
 
 
 def _antisymmetric(moments: np.ndarray) -> np.ndarray:
