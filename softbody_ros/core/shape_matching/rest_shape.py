@@ -356,30 +356,33 @@ def _volume_form(surface: Surface, features: np.ndarray) -> np.ndarray:
 
 
 def _bend_gram(faces: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the mean over faces of ∇f ∇fᵀ, see `RestShape`."""
+    """
+    Return the mean of ∇f ∇fᵀ over the surface, see `RestShape`.
+
+    Of f as linear on each face between its values at the corners: on a ball x² + y² + z² does not
+    change, however coarse the mesh.
+    """
     total, area = np.zeros((QUADRATIC - LINEAR,) * 2), 0.0
+    products = _products(q)[1 + LINEAR :]
     for start in range(0, len(faces), FACE_BLOCK):
-        a, b, c = (q[:, corner] for corner in faces[start:][:FACE_BLOCK].T)
-        normal = np.cross(b - a, c - a, axis=0)
-        double = np.sqrt((normal * normal).sum(axis=0))
-        normal /= np.maximum(double, 1e-300)
-        x, y, z = (a + b + c) / 3.0
-        zero = np.zeros_like(x)
-        gradients = np.array(
-            [
-                [2.0 * x, zero, zero],
-                [zero, 2.0 * y, zero],
-                [zero, zero, 2.0 * z],
-                [y, x, zero],
-                [zero, z, y],
-                [z, zero, x],
-            ]
+        a, b, c = faces[start:][:FACE_BLOCK].T
+        along, aside = q[:, b] - q[:, a], q[:, c] - q[:, a]
+        one, two, both = (
+            (along * along).sum(axis=0),
+            (aside * aside).sum(axis=0),
+            (along * aside).sum(axis=0),
         )
-        across = (gradients * normal).sum(axis=1)
-        gradients -= across[:, None] * normal
+        double = np.sqrt(np.maximum(one * two - both * both, 0.0))
+        per_area = 1.0 / np.where(double > RANK_CUT * (one + two), double, np.inf)
+        first, second = products[:, b] - products[:, a], products[:, c] - products[:, a]
+        # the inverse of the metric of each face
+        conjugate = (
+            (two * first - both * second) * per_area,
+            (one * second - both * first) * per_area,
+        )
         for i in range(len(total)):
             for j in range(len(total)):
-                total[i, j] += ((gradients[i] * gradients[j]).sum(axis=0) * double).sum()
+                total[i, j] += (conjugate[0][i] * first[j] + conjugate[1][i] * second[j]).sum()
         area += double.sum()
     return total / (BALL * area) if area > 0.0 else np.eye(len(total))
 
