@@ -9,9 +9,10 @@ from solids import box, closed_surfaces, hollow_ball, hull, moved, of_the_solid
 import trimesh
 
 from softbody_ros.core import MeshError, Surface, make_surface
+from softbody_ros.core.geometry.solid_moments import solid_moments
 from softbody_ros.core.shape_matching.regions import make_regions
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape, make_solid_rest_shape
-from softbody_ros.core.shape_matching.solid import FARTHEST, solid_moments
+from softbody_ros.core.shape_matching.solid import FARTHEST
 
 PRECISION = 1e-9
 

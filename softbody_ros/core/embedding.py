@@ -58,7 +58,7 @@ from softbody_ros.core.geometry.vectors import (
     vector_of,
 )
 from softbody_ros.core.shape_matching.polar_decomposition import rotation_of
-from softbody_ros.core.shape_matching.rest_shape import pseudo_inverse
+from softbody_ros.core.shape_matching.rest_shape import area_shares, pseudo_inverse
 
 TANGENTIAL = 0.5
 """Share of the first-order term along the surface, see the module."""
@@ -215,10 +215,7 @@ def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
 def _rings(surface: Surface) -> Rings:
     vertices, faces = surface.vertices, surface.faces.astype(np.int64)
     count = len(vertices)
-    a, b, c = vertices[faces.T]
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    shares = np.bincount(faces.ravel(), np.repeat(areas, 3), minlength=count)
-    shares = shares / shares.sum() if shares.sum() > 0.0 else np.full(count, 1.0 / count)
+    shares = area_shares(surface)
     rest = vertices - (shares[:, None] * vertices).sum(axis=0)
     gram = np.array([[(shares * p * q).sum() for p in rest.T] for q in rest.T])
 

@@ -16,6 +16,7 @@ from softbody_ros.core.geometry.mesh_edges import edges_of
 from softbody_ros.core.geometry.mesh_files import TO_Z_UP, MeshError, MeshFile, read_mesh_file
 from softbody_ros.core.geometry.mesh_repair import repaired, used_vertices, welded
 from softbody_ros.core.geometry.mesh_winding import facing_outwards
+from softbody_ros.core.geometry.solid_moments import solid_moments
 
 PRIMITIVES = ('icosphere', 'box', 'cylinder', 'capsule', 'torus')
 LARGEST_MESH = 4_000_000
@@ -224,15 +225,14 @@ def _with_origin(surface: Surface, origin: str, of_file: np.ndarray) -> np.ndarr
 
 def centre_of_mass(surface: Surface) -> np.ndarray:
     """Return (3,) float: the centre of the enclosed volume, of an open surface of its area, m."""
+    if surface.closed:
+        solid = solid_moments(surface.vertices, surface.faces)
+        if solid.volume > 0.0:
+            return solid.centre
     a, b, c = surface.vertices[surface.faces.T]
-    areas = np.cross(b - a, c - a)
     middle = a.mean(axis=0)  # about which little is lost to rounding
-    weights = np.einsum('ij,ij->i', a - middle, areas)
-    sums = 0.25 * (a + b + c - 3.0 * middle)
-    if not surface.closed or not weights.sum() > 0.0:
-        weights = np.linalg.norm(areas, axis=1)
-        sums *= 4.0 / 3.0
-    return middle + weights @ sums / weights.sum()
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return middle + areas @ ((a + b + c) / 3.0 - middle) / areas.sum()
 
 
 def read_surface(path: str, scale: Sequence[float]) -> Surface:

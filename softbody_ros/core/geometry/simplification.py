@@ -16,6 +16,8 @@ import numpy as np
 import trimesh
 
 from softbody_ros.core.geometry.mesh import MeshError, Surface
+from softbody_ros.core.geometry.mesh_edges import edges_of
+from softbody_ros.core.geometry.mesh_winding import enclosed_volume
 
 FEWEST = 8
 """Vertices below which hardly anything keeps its shape."""
@@ -74,7 +76,7 @@ def _decimated(surface: Surface, count: int, aggression: int) -> tuple[Surface, 
     # Euler's formula: to collapse an edge takes away a vertex and its two faces; at a boundary,
     # which becomes shorter as lengths do, one
     before = len(np.unique(surface.faces))
-    boundary = _boundary_edges(surface.faces) * (1.0 - math.sqrt(count / before))
+    boundary = (edges_of(surface.faces).count == 1).sum() * (1.0 - math.sqrt(count / before))
     wanted = len(surface.faces) - 2 * (before - count) + round(boundary)
     # it does not take arrays that cannot be written to
     mesh = trimesh.Trimesh(surface.vertices.copy(), surface.faces.copy(), process=False)
@@ -102,19 +104,9 @@ def _decimated(surface: Surface, count: int, aggression: int) -> tuple[Surface, 
     if surface.closed:
         if not result.closed:
             return result, 'it would not be closed any more'
-        share = _volume(result) / _volume(surface)
+        share = enclosed_volume(result.vertices, result.faces) / enclosed_volume(
+            surface.vertices, surface.faces
+        )
         if not abs(share - 1.0) <= VOLUME_TOLERANCE:
             return result, f'{share:.0%} of the volume are left'
     return result, ''
-
-
-def _boundary_edges(faces: np.ndarray) -> int:
-    """Return the number of edges that have one face only."""
-    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    return int((np.unique(ends, axis=0, return_counts=True)[1] == 1).sum())
-
-
-def _volume(surface: Surface) -> float:
-    """Return the volume that a closed surface encloses, m³ (divergence theorem)."""
-    a, b, c = (surface.vertices - surface.vertices[0])[surface.faces.T]
-    return float((np.cross(a, b) * c).sum() / 6.0)

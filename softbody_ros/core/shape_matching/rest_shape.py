@@ -277,7 +277,7 @@ def make_solid_rest_shape(surface: Surface) -> RestShape:
         if it encloses none.
 
     """
-    shares = _shares_of(_areas_around(surface))
+    shares = area_shares(surface)
     inside = fill(surface, shares, _rms_radius(surface, shares))
     weights = np.concatenate([inside.surface, inside.weights])
     return make_rest_shape(surface, weights, inside.points)
@@ -318,6 +318,11 @@ def _products(q: np.ndarray) -> np.ndarray:
     """Return (10, n) float: 1, q and the products of its coordinates."""
     x, y, z = q
     return np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
+
+
+def area_shares(surface: Surface) -> np.ndarray:
+    """Return the share (n,) of the area that each vertex has; they sum to 1."""
+    return _shares_of(_areas_around(surface))
 
 
 def _areas_around(surface: Surface) -> np.ndarray:
