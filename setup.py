@@ -44,7 +44,7 @@ setup(
         'bake': BAKE,
         # mesh files in COLLADA, which trimesh reads with it
         'dae': DAE,
-        # what tests/benchmarks compares with, and draws with
+        # what tools/benchmarks compares with, and draws with
         'bench': ['pypbd>=2.2', 'rapier3d>=0.36', 'mujoco>=4.0', 'matplotlib'],
         'jazzy': [
             'ros-jazzy-rclpy',

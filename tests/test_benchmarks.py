@@ -7,7 +7,7 @@ import pathlib
 import subprocess
 import sys
 
-BENCHMARKS = pathlib.Path(__file__).parent / 'benchmarks'
+BENCHMARKS = pathlib.Path(__file__).parent.parent / 'tools' / 'benchmarks'
 
 
 def run(script, *arguments):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The corners of the grid that tests/benchmarks/contact_grid.py runs in full."""
+"""The corners of the grid that tools/benchmarks/contact_grid.py runs in full."""
 
 import dataclasses
 

@@ -14,7 +14,6 @@ import urllib.error
 import urllib.request
 
 import browser as browser_of_tests
-from conftest import Graph
 from geometry_msgs.msg import PointStamped
 import numpy as np
 from PIL import Image
@@ -22,6 +21,7 @@ from playwright.sync_api import expect
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_graph import Graph
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 import viser

@@ -7,8 +7,8 @@ from __future__ import annotations
 import io
 
 from browser import choose, chromium, close_notices, free_port
-from conftest import Graph
 from PIL import Image
+from ros_graph import Graph
 from scene_files import ROOT
 from std_srvs.srv import SetBool, Trigger
 

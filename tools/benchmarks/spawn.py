@@ -3,7 +3,7 @@
 """
 A body is added to a node that runs and removed again, a thousand times: time, memory, bits.
 
-python3 tests/benchmarks/spawn.py [--quick]
+python3 tools/benchmarks/spawn.py [--quick]
 
 Prints Markdown. The node and its client are in one process, so the memory is that of both. The
 client sets `bodies` and the parameters of the body in one request, then `bodies` again. Between

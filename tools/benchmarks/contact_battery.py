@@ -3,7 +3,7 @@
 """
 Measure contact in scenes with known outcomes, as a Markdown table for each.
 
-python3 tests/benchmarks/contact_battery.py [scene ...] [--quick] [--mode ...] [--step ...]
+python3 tools/benchmarks/contact_battery.py [scene ...] [--quick] [--mode ...] [--step ...]
 
 Beside each measurement stands what it should be, in the head of its column if that is the same in
 all rows; what misses it is marked by ✗. A step is given in ticks a second, f is the natural

@@ -3,7 +3,7 @@
 """
 The node end to end: what it publishes, what arrives in another process, when, and at what cost.
 
-python3 tests/benchmarks/node.py [--quick] [publishing] [memory] [startup]
+python3 tools/benchmarks/node.py [--quick] [publishing] [memory] [startup]
 
 Prints Markdown. All of it takes six minutes, `--quick` two to three. Every number comes from a
 node and a reader that are processes of their own. The reader takes the messages as bytes: to

@@ -3,7 +3,7 @@
 """
 What of moving bodies gets into the viewer's page, and at what cost.
 
-python3 tests/benchmarks/viewer.py [--seconds 10]
+python3 tools/benchmarks/viewer.py [--seconds 10]
 
 Prints Markdown. Node, viewer and browser are processes of their own. The browser draws without a
 GPU: the page is small, so that the way into the page is measured rather than the drawing.

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Make the mesh files of `config`: `python3 tests/make_meshes.py` (needs scikit-image).
+Make the mesh files of `config`: `python3 tools/make_meshes.py` (needs scikit-image).
 
 Each is the surface where a distance is zero: found by marching cubes, evened out, and put back
 onto the surface.
@@ -131,7 +131,7 @@ def write(mesh: trimesh.Trimesh, name: str) -> None:
     """Write an OBJ file: text, so that a change of a mesh can be read."""
     assert mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0.0
     lines = ['# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers']
-    lines += ['# SPDX-License-Identifier: Apache-2.0', '# made by tests/make_meshes.py']
+    lines += ['# SPDX-License-Identifier: Apache-2.0', '# made by tools/make_meshes.py']
     lines += ['v ' + ' '.join(f'{value:.4f}' for value in vertex) for vertex in mesh.vertices]
     lines += ['f ' + ' '.join(str(index + 1) for index in face) for face in mesh.faces]
     (CONFIG / name).write_text('\n'.join(lines) + '\n')

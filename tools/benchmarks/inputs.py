@@ -3,7 +3,7 @@
 """
 How long it takes to read what others send, and to let it act.
 
-python3 tests/benchmarks/message_parsing.py
+python3 tools/benchmarks/message_parsing.py
 """
 
 from pathlib import Path

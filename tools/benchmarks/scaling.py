@@ -3,7 +3,7 @@
 """
 Time a step over the number of vertices and of bodies, and draw it: resource/scaling.png.
 
-pip install '.[bench]' && python3 tests/benchmarks/scaling.py
+pip install '.[bench]' && python3 tools/benchmarks/scaling.py
 
 The bodies lie on the ground, one thread.
 """

@@ -3,7 +3,7 @@
 """
 The worst that happens to balls dropped by 1 m, over a grid of parameters, as a table.
 
-python3 tests/benchmarks/contact_grid.py [--resolution] [--steps]
+python3 tools/benchmarks/contact_grid.py [--resolution] [--steps]
 """
 
 import argparse

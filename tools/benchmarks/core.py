@@ -3,7 +3,7 @@
 """
 Time a step of 1/60 s of this simulator and of its peers, on the same work, as Markdown tables.
 
-pip install '.[bench]' && python3 tests/benchmarks/core.py [--workload] [--peer] [--rounds]
+pip install '.[bench]' && python3 tools/benchmarks/core.py [--workload] [--peer] [--rounds]
 
 Each run is a process of its own with one thread. Rounds go through all workloads and simulators
 in turn, so that a slow spell of the machine hits all of them; ratios are formed within a round.
