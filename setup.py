@@ -5,8 +5,8 @@ from glob import glob
 from setuptools import find_packages, setup
 
 package_name = 'softbody_ros'
-DAE = ['pycollada>=0.7']
 BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
+DAE = ['pycollada>=0.7']
 ROBOT = ['yourdfpy>=0.0.56']
 SIMPLIFY = ['fast-simplification>=0.1.9', 'trimesh>=4.5']
 VIEWER = ['viser>=1.1,<1.2']
@@ -46,6 +46,8 @@ setup(
         'dae': DAE,
         # what tools/benchmarks compares with, and draws with
         'bench': ['pypbd>=2.2', 'rapier3d>=0.36', 'mujoco>=4.0', 'matplotlib'],
+        # the pages of `docs` as a site
+        'docs': ['sphinx>=8', 'myst-parser>=4', 'furo'],
         'jazzy': [
             'ros-jazzy-rclpy',
             'ros-jazzy-common-interfaces',

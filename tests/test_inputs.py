@@ -4,7 +4,6 @@
 
 import itertools
 import math
-import pathlib
 import re
 import sys
 
@@ -12,6 +11,7 @@ from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+from pages import everything
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
@@ -24,7 +24,6 @@ from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.ros import message_parsing, messages
 from softbody_ros.ros.message_parsing import MOST_MARKERS, SHAPES, InputError
 
-README = (pathlib.Path(__file__).parent.parent / 'README.md').read_text()
 H = 1 / 240
 HUGE = sys.float_info.max
 NOT_FINITE = [math.nan, math.inf, -math.inf]
@@ -439,7 +438,7 @@ def test_any_force_is_read_or_refused(frame_id, numbers):
         assert np.isfinite(numbers[:3]).all()
 
 
-# ------------------------------------------------------------------------------------------ README
+# ------------------------------------------------------------------------------------------- pages
 def from_yaml(message, values):
     """Fill a message as `ros2 topic pub` does."""
     for name, value in values.items():
@@ -453,15 +452,12 @@ def from_yaml(message, values):
     return message
 
 
-def test_what_the_readme_sends_is_understood():
-    sent = re.findall(r"^ros2 topic pub .*/softbody_sim/(\w+) \w+/msg/(\w+) '(.*)'", README, re.M)
+def test_what_the_pages_send_is_understood():
+    line = r"^ros2 topic pub .*/softbody_sim/(\w+) \w+/msg/(\w+) '(.*)'"
+    sent = re.findall(line, everything(), re.M)
     assert [topic for topic, _, _ in sent] == [
-        'obstacles',
-        'obstacles',
-        'wrench',
-        'poke',
-        'gravity',
-    ]
+        'obstacles', 'obstacles', 'wrench', 'poke', 'gravity',
+    ]  # fmt: skip
     kinds = (MarkerArray, WrenchStamped, PointStamped, Vector3Stamped)
     read = []
     for _, name, text in sent:

@@ -1,19 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What is written more than once agrees: versions, dependencies, the README's example."""
+"""What is written more than once agrees: versions, dependencies, examples of the library."""
 
 import ast
-import pathlib
 import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
+from pages import EXAMPLE, ROOT, everything
 import pytest
 
-ROOT = pathlib.Path(__file__).parent.parent
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
-README = (ROOT / 'README.md').read_text()
 
 
 def test_versions_agree():
@@ -48,11 +46,8 @@ def test_package_format_and_build_type():
     assert PACKAGE.findtext('license') == 'Apache-2.0'
 
 
-EXAMPLES = re.findall(r'```python\n(# example.*?)```\s*```text\n(.*?)```', README, re.S)
-
-
-@pytest.mark.parametrize(('code', 'expected'), EXAMPLES)
-def test_readme_library_example_prints_what_it_says(code, expected):
+@pytest.mark.parametrize(('code', 'expected'), EXAMPLE.findall(everything()))
+def test_library_example_prints_what_it_says(code, expected):
     run = subprocess.run(
         [sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True
     )
@@ -60,5 +55,6 @@ def test_readme_library_example_prints_what_it_says(code, expected):
 
 
 def test_every_file_carries_the_licence():
-    for path in [*ROOT.glob('*.py'), *ROOT.glob('softbody_ros/**/*.py'), *ROOT.glob('tests/*.py')]:
-        assert 'SPDX-License-Identifier: Apache-2.0' in path.read_text()[:200], path
+    for folder in ('', 'softbody_ros/**/', 'tests/', 'tools/**/', 'docs/'):
+        for path in ROOT.glob(f'{folder}*.py'):
+            assert 'SPDX-License-Identifier: Apache-2.0' in path.read_text()[:200], path

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What draws the README's pictures draws: bodies, their paint and their shadows."""
+"""What draws the pictures of the pages draws: bodies, their paint and their shadows."""
 
 import numpy as np
 from pictures.drawing import FLOOR, ORANGE, camera, checks, film, photo

@@ -392,7 +392,7 @@ def test_joint_states_are_history(graph, robot):
 
 
 def test_the_gripper_of_another_process_lifts_the_ball_and_its_links_feel_it(graph):
-    """The README's program is that process, see test_readme; here the parts of what they feel."""
+    """The parts of what they feel; test_pages has the program of docs/how_to/robot.md."""
     robot = Robot(graph)
     robot.describe()
     values = {key.replace('.', '__'): value for key, value in scene_values('robot').items()}

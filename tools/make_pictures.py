@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Draw the README's pictures: `python3 tools/make_pictures.py`, or some of them: `… ball modes`.
+Draw the pictures of the pages: `python3 tools/make_pictures.py`, or some: `… ball modes`.
 
 The bodies are simulated by the core and drawn by `pictures`.
 """

@@ -7,7 +7,7 @@ pip install '.[bench]' && python3 tools/benchmarks/core.py [--workload] [--peer]
 
 Each run is a process of its own with one thread. Rounds go through all workloads and simulators
 in turn, so that a slow spell of the machine hits all of them; ratios are formed within a round.
-What is printed stands in the README.
+What is printed stands in docs/benchmarks.md.
 """
 
 from __future__ import annotations

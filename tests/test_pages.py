@@ -1,43 +1,44 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the README says is so: its programs run, its equations are those of a tick, its advice."""
+"""What the pages say is so: programs run, commands are accepted, links lead somewhere."""
 
 import os
-import pathlib
 import re
+import shlex
 import subprocess
 import sys
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
+from pages import PAGES, ROOT, anchors, everything, links, programs
 import pytest
 from scene_files import scene_values
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
+import yaml
 
 from softbody_ros.core import BodyConfig, World, WorldConfig
+from softbody_ros.core.config import checked
 from softbody_ros.core.shape_matching.gains import damping_ratio
 from softbody_ros.core.shape_matching.material import natural_frequency
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
 from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.scene import parameters
 
-ROOT = pathlib.Path(__file__).parent.parent
-README = (ROOT / 'README.md').read_text()
+PROGRAMS = programs()
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 
 
 @pytest.fixture
 def program(graph, tmp_path):
-    """Start the README's program of a name as a process; return the file that it prints to."""
+    """Start the program of a name as a process; return the file that it prints to."""
     started = []
 
     def start(name):
-        (code,) = re.findall(rf'```python\n(# {name}: .*?)```', README, re.S)
         printed = tmp_path / name
         process = subprocess.Popen(
-            [sys.executable, '-u', '-c', code],
+            [sys.executable, '-u', '-c', PROGRAMS[name]],
             env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain)},
             stdout=printed.open('w'), stderr=subprocess.STDOUT,
         )  # fmt: skip
@@ -50,8 +51,9 @@ def program(graph, tmp_path):
         process.wait()
 
 
-def test_the_subscriber_sees_the_ball_fall(graph, program):
-    printed = program('subscribe')
+@pytest.mark.parametrize('name', ['subscribe', 'lowest'])
+def test_the_subscriber_sees_the_ball_fall(graph, program, name):
+    printed = program(name)
     graph.sim_node(**SMALL)
     line = re.compile(r'lowest (\S+) m, displaced by up to (\S+) m')
     graph.spin_until(lambda: line.search(printed.read_text()), 'a first line')
@@ -124,6 +126,89 @@ def test_the_clock_drives_the_node(graph, program):
     graph.spin_until(lambda: clouds and clouds[-1].header.stamp.nanosec > 200_000_000)
     # of /clock, which began at 0 when the program did; a subscriber may be found seconds later
     assert clouds[-1].header.stamp.sec < 1000
+
+
+def test_the_second_body_is_found_in_the_cloud(graph, program):
+    graph.sim_node(bodies=['ball', 'cube'], cube__position=[2.0, 0.0, 1.5], **SMALL)
+    printed = program('second')
+    line = re.compile(r'centre of the second body: (\S+) (\S+) (\S+)')
+    graph.spin_until(lambda: line.search(printed.read_text()), 'a first line')
+    x, y, z = map(float, line.search(printed.read_text()).groups())
+    assert x == pytest.approx(2.0, abs=0.02) and y == pytest.approx(0.0, abs=0.02) and z > 0.3
+
+
+def run_program(name, folder):
+    return subprocess.run(
+        [sys.executable, '-c', PROGRAMS[name]],
+        cwd=folder, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+
+
+def test_a_film_is_read_as_the_page_does(tmp_path):
+    scene = str(ROOT / 'config' / 'contact.yaml')
+    film = str(tmp_path / 'soft.npz')
+    bake = [sys.executable, '-m', 'softbody_ros.bake', scene, '-o', film, '--seconds', '0.1']
+    subprocess.run([*bake, '-p', 'plum.stiffness:=0.05', '--fps', '20'], check=True, cwd=ROOT)
+    lines = run_program('film', tmp_path).splitlines()
+    assert len(lines) == 3 and lines[2].startswith('0.100 s: the plum is ')
+
+
+def test_a_sweep_prints_a_line_for_each_variant(tmp_path):
+    # a program that starts processes is a file
+    (tmp_path / 'sweep.py').write_text(PROGRAMS['sweep'])
+    run = subprocess.run(
+        [sys.executable, 'sweep.py'], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    heights = [float(height) for height in re.findall(r'jumps (\S+) m', run.stdout)]
+    assert len(heights) == 9 and heights[6] < heights[7] < heights[8]
+
+
+def test_every_program_has_a_test_here():
+    source = (ROOT / 'tests' / 'test_pages.py').read_text()
+    assert len(PROGRAMS) > 5
+    for name in PROGRAMS:
+        assert re.search(rf"(program\(|run_program\(|PROGRAMS\[|\[|, )'{name}'", source), name
+    blocks = re.findall(r'^```python\n(.*)', everything(), re.M)
+    assert len(blocks) == len(PROGRAMS) + everything().count('\n# example: ')
+
+
+# ------------------------------------------------------------------------------ links and commands
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings(page):
+    for target in links(PAGES[page]):
+        if target.startswith(('http://', 'https://')):
+            continue
+        path, _, anchor = target.partition('#')
+        file = (page.parent / path).resolve() if path else page
+        assert file.is_relative_to(ROOT) and file.exists(), target
+        if anchor and file.suffix == '.md':
+            assert anchor in anchors(file.read_text()), target
+
+
+def test_every_page_is_in_the_contents_and_the_readme_is_short():
+    index = PAGES[ROOT / 'docs' / 'index.md']
+    for page in PAGES:
+        if page.parent != ROOT and page.name != 'index.md':
+            assert f'\n{page.relative_to(ROOT / "docs").with_suffix("")}\n' in index, page
+    assert len(PAGES[ROOT / 'README.md'].splitlines()) <= 250
+
+
+def test_parameters_are_set_to_what_they_can_be():
+    """Each `ros2 param set` of the pages, and each `-p`, by the rules of the parameters."""
+    text = everything() + ''.join(path.read_text() for path in ROOT.glob('config/*.yaml'))
+    sent = re.findall(r"ros2 param set /softbody_sim (\S+) ('[^']*'|[^\s`]+)", text)
+    sent += re.findall(r"-p ([\w.]+):=('[^']*'|\"[^\"]*\"|[^\s`]+)", text)
+    assert len(sent) > 30
+    for name, written in sent:
+        value = yaml.safe_load(shlex.split(written)[0])
+        value = '' if value is None else value
+        if name == 'use_sim_time':
+            assert isinstance(value, bool)
+            continue
+        own = name.partition('.')[2]
+        tables = [parameters.table(parameters.SceneLists()), parameters.BODY_TABLE]
+        facts = tables[0].get(name) or tables[1].get(own) or parameters.OBSTACLE_TABLE[own]
+        checked(name, value, facts)
 
 
 # --------------------------------------------------------------------------------------- equations
@@ -234,7 +319,7 @@ def test_turning_a_parameter_up_does_what_the_table_says(name, values, dent, jum
 
 
 def test_the_table_has_every_live_parameter_of_the_physics():
-    table = README.split('## How each parameter feels')[1].split('\n## ')[0]
+    table = (ROOT / 'docs/how_to/tuning.md').read_text()
     start = ('position', 'orientation', 'initial_velocity', 'color')
     for name, facts in parameters.table(parameters.SceneLists()).items():
         first, _, own = name.partition('.')
