@@ -16,6 +16,8 @@ release = ElementTree.parse(ROOT / 'package.xml').findtext('version')
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon', 'sphinx.ext.mathjax']
 html_theme = 'furo'
 html_title = 'softbody_ros'
+html_static_path = ['_static']
+html_css_files = ['wide.css']
 
 # as code hosts show them: anchors of headings, formulas in ```math fences
 myst_heading_anchors = 3
