@@ -39,7 +39,7 @@ def test_the_pairs_are_those_that_overlap_in_order(kind, count):
 @pytest.mark.parametrize('ahead', [0, 1])
 def test_boxes_around_bodies_are_least_and_largest_values_and_a_margin(ahead):
     bodies = np.zeros(4, BODY)
-    bodies['count'] = (1, 2, 7, 700)
+    bodies['count'] = bodies['surface'] = (1, 2, 7, 700)
     bodies['first'] = np.cumsum(bodies['count']) - bodies['count']
     bodies['now'] = (0, 1, 1, 0)
     x = np.random.default_rng(0).normal(size=(2, 3, bodies['count'].sum()))

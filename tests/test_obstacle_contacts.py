@@ -47,7 +47,7 @@ def drawn(seed, kind, speed=50.0, turn=20.0):
 def bodies_at(x):
     """Return bodies at positions (B, 3, n)."""
     bodies = np.zeros(len(x), BODY)
-    bodies['count'] = x.shape[2]
+    bodies['count'] = bodies['surface'] = x.shape[2]
     bodies['first'] = np.arange(len(x)) * x.shape[2]
     return bodies
 

@@ -32,7 +32,7 @@ BODY = np.dtype(
         # indices into the arrays of the world
         ('first', np.int64),  # its first particle
         ('count', np.int64),
-        ('inner', np.int64),  # how many of these, the last ones, are inside and touch nothing
+        ('surface', np.int64),  # of these at the surface, the first ones; others touch nothing
         ('now', np.int64),  # half of `x` and `v` that holds the state
         ('shape', np.int64),  # its rest shape, in the table of rest shapes
         ('matched', np.int64),  # the same with the weights of the match, where it has pins

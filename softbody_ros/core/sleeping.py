@@ -303,6 +303,6 @@ def find_supported(
             if not obstacles[number]['moves']:
                 found = find_contacts(
                     obstacles[number], trees, state, state, body['first'],
-                    body['count'] - body['inner'], reach[index], False, nothing, 0,
+                    body['surface'], reach[index], False, nothing, 0,
                 )  # fmt: skip
                 result[index] = found > 0

@@ -260,7 +260,7 @@ class State:
             count, regions = body.rest.particle_count, body.regions
             record['id'] = identity(body.config.name)
             record['first'], record['count'] = first, count
-            record['inner'] = len(body.rest.inner)
+            record['surface'] = body.rest.surface_count
             record['first_match'] = first_match
             record['regions'] = regions.count if regions else 0
             first, first_match = first + count, first_match + 1 + int(record['regions'])
@@ -358,7 +358,7 @@ class State:
     def surface_positions(self, index: int) -> np.ndarray:
         """Return a view of the positions (3, n) of the particles at the surface of a body, m."""
         record = self.bodies[index]
-        return self.positions(index)[:, : int(record['count'] - record['inner'])]
+        return self.positions(index)[:, : int(record['surface'])]
 
     def positions(self, index: int) -> np.ndarray:
         """Return a view of the positions (3, n) of a body, m."""

@@ -124,11 +124,6 @@ class World:
     rebuilds : int
         number of times that bodies were added or removed
 
-    >>> world = World(WorldConfig())
-    >>> world.step(240)
-    >>> world.positions('ball').shape
-    (642, 3)
-
     Parameters
     ----------
     config : WorldConfig
@@ -137,6 +132,13 @@ class World:
     ------
     ConfigError, MeshError
         with one sentence that says what to change.
+
+    Examples
+    --------
+    >>> world = World(WorldConfig())
+    >>> world.step(240)
+    >>> world.positions('ball').shape
+    (642, 3)
 
     """
 

@@ -256,7 +256,7 @@ def is_inside(point, low, high, reach):  # type: ignore[no-untyped-def]
 def extent_along(direction: Vector, body: np.void, x: np.ndarray) -> float:
     """Return the support of a body: the largest product of a direction with its positions, m²."""
     half, first = 1 - body['now'], body['first']
-    end = first + body['count'] - body['inner']
+    end = first + body['surface']
     row, y, z = x[half, 0, first:end], x[half, 1, first:end], x[half, 2, first:end]
     largest = -np.inf
     for i in range(len(row)):

@@ -437,7 +437,7 @@ def contacts_of(
     found = 0
     for k in range(len(chosen)):
         body = bodies[chosen[k]]
-        first, count, now = body['first'], body['count'] - body['inner'], body['now']
+        first, count, now = body['first'], body['surface'], body['now']
         start = x[now]
         present = x[1 - now] if other else start
         low, high = bounds_of(present, first, count)

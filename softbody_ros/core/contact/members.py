@@ -230,7 +230,7 @@ def put_particle(
     """Write a particle at a contact, with positions and velocities (3, N) after the flight."""
     particle['column'], particle['member'], particle['weight'] = column, number, weight
     particle['rows'] = 0
-    inertia = max(weight, LEAST_SHARE / (body['count'] - body['inner']))
+    inertia = max(weight, LEAST_SHARE / (body['surface']))
     particle['borrowed'] = inertia - weight
     particle['mobility'] = 0.0 if is_pinned else member['mobility'] / (inertia * member['mass'])
     if member['features'] > 0:

@@ -255,7 +255,7 @@ def find_obstacle_rows(
     for number in range(len(members)):
         member = members[number]
         body = bodies[member['body']]
-        first, count, now = body['first'], body['count'] - body['inner'], body['now']
+        first, count, now = body['first'], body['surface'], body['now']
         shape = shapes[body['shape']]
         x0, x1 = x[now], x[1 - now]
         if member['is_soft'] and not member['starts']:
@@ -317,8 +317,8 @@ def is_fixed(member: np.void) -> bool:
 def nears_any(body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarray) -> bool:
     """Return whether a deformable body may touch an obstacle in this tick."""
     x0, x1 = x[body['now']], x[1 - body['now']]
-    low, high = bounds_of(x1, body['first'], body['count'] - body['inner'])
-    low_before, high_before = bounds_of(x0, body['first'], body['count'] - body['inner'])
+    low, high = bounds_of(x1, body['first'], body['surface'])
+    low_before, high_before = bounds_of(x0, body['first'], body['surface'])
     reach = body['thickness'] + member['margin'] + MARGIN * member['scale']
     for which in range(len(obstacles)):
         obstacle = obstacles[which]

@@ -271,7 +271,7 @@ def put_obstacle_row(
     put_vector(row['other_velocity'], surface)
     put_laws(row, body, obstacle['friction'], obstacle['elasticity'])
     row['of_face'] = False
-    row['softness'] = softness_of(weight, body['count'] - body['inner'])
+    row['softness'] = softness_of(weight, body['surface'])
     return minus(column_of(v[body['now']], column), surface)
 
 
@@ -507,7 +507,7 @@ def put_face_row(
         column = contact['particles'][0]
         row['one'], row['two'], row['of_face'] = owner, other, False
         weight = weights[shapes[one['shape']]['first'] + column - one['first']]
-        row['softness'] = softness_of(weight, one['count'] - one['inner'])
+        row['softness'] = softness_of(weight, one['surface'])
         row['key'] = key_of(OF_BODIES, body['id'], one['id'], column - one['first'])
         put_vector(row['normal'], normal)
         row['gap'] = members[owner]['margin'] + members[other]['margin'] - contact['depth']

@@ -148,7 +148,7 @@ def bound_bodies(
         body = bodies[indices[place]]
         half = body['now'] ^ ahead
         first = body['first']
-        end = first + body['count'] - body['inner']
+        end = first + body['surface']
         for axis in range(3):
             least, largest = bounds_of(x[half, axis, first:end])
             low[place, axis] = least - margin[place]
