@@ -11,6 +11,8 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
+from softbody_ros.ros.interfaces import PUBLISHED, RECEIVED, SERVICES
+
 ROOT = pathlib.Path(__file__).parent.parent
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 README = (ROOT / 'README.md').read_text()
@@ -33,6 +35,9 @@ def test_every_ros_package_that_is_imported_is_a_dependency():
                 imported |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
                 imported.add(node.module.split('.')[0])
+    for each in (*PUBLISHED, *RECEIVED, *SERVICES):
+        if each.requires in ('', 'robot.links'):
+            imported.add(each.type.split('/')[0])
     ros = {
         name
         for name in imported

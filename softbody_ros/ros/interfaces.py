@@ -95,9 +95,8 @@ MEAN = (
 # ------------------------------------------------------------------------------------- published
 POINTS = Topic(
     '~/points', 'sensor_msgs/msg/PointCloud2', 'vertices of all bodies',
-    'Positions of all simulated vertices, with displacement, body and pressure, at '
-    '`points_rate`. Bodies are in order, and a vertex keeps its row until a body is added or '
-    'removed.',
+    'Positions and further fields of all simulated vertices, at `points_rate`. Bodies are in '
+    'order, and a vertex keeps its row until a body is added or removed.',
 )  # fmt: skip
 MESH = Topic(
     '~/mesh', 'visualization_msgs/msg/Marker', 'surfaces of the bodies',

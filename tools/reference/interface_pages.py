@@ -54,24 +54,26 @@ transient local before the node started is received within a second."""
 STANDARD_BEGIN = """\
 These are offered where the package
 [simulation_interfaces](https://github.com/ros-simulation/simulation_interfaces) is installed.
-Entities are the bodies."""
+Types are those of its folder `srv`. Entities are the bodies."""
 
 
 def topics_page() -> str:
     """Return the page of topics."""
-    head = ('topic', 'type', 'quality of service', 'content')
+    head = ('topic', 'type', 'quality of service')
     return page(
         'Topics',
         TOPICS_BEGIN,
         '## Published',
         PUBLISHED_BEGIN,
         table(head, map(_topic_row, PUBLISHED)),
+        _descriptions(PUBLISHED),
         f'## Fields of {POINTS.name}',
         f'A point has {POINT_TYPE.itemsize} bytes, little endian.',
         _fields(),
         '## Subscribed',
         RECEIVED_BEGIN,
         table(head, map(_topic_row, RECEIVED)),
+        _descriptions(RECEIVED),
     )
 
 
@@ -88,6 +90,11 @@ def services_page() -> str:
         STANDARD_BEGIN,
         table(head, map(_service_row, STANDARD_SERVICES)),
     )
+
+
+def _descriptions(topics: Sequence[Topic]) -> str:
+    # not in the table: beside long names of types it would be a column of a few words
+    return '\n'.join(f'* {_names(topic)}: {_description(topic)}' for topic in topics)
 
 
 def short_table() -> str:
@@ -110,17 +117,21 @@ def _short_row(direction: str, interface: Interface) -> tuple[str, ...]:
         content += ', latched'
     if interface.requires:
         content += f' (with `{interface.requires}`)'
-    names = interface.names if isinstance(interface, Topic) else (interface.name,)
-    return direction, ', '.join(map(code, names)), interface.type, content
+    names = _names(interface) if isinstance(interface, Topic) else code(interface.name)
+    return direction, names, interface.type, content
 
 
 def _topic_row(topic: Topic) -> Sequence[str]:
-    names = ', '.join(map(code, topic.names))
-    return names, topic.type, _quality(topic), _description(topic)
+    return _names(topic), topic.type, _quality(topic)
+
+
+def _names(topic: Topic) -> str:
+    return ', '.join(map(code, topic.names))
 
 
 def _service_row(service: Interface) -> Sequence[str]:
-    return code(service.name), service.type, service.description
+    kind = service.type if service in SERVICES else service.short_type
+    return code(service.name), kind, service.description
 
 
 def _quality(topic: Topic) -> str:
