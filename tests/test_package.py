@@ -11,6 +11,8 @@ import xml.etree.ElementTree as ElementTree
 from pages import EXAMPLE, ROOT, everything
 import pytest
 
+from softbody_ros.ros.interfaces import PUBLISHED, RECEIVED, SERVICES
+
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 
 
@@ -31,6 +33,9 @@ def test_every_ros_package_that_is_imported_is_a_dependency():
                 imported |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
                 imported.add(node.module.split('.')[0])
+    for each in (*PUBLISHED, *RECEIVED, *SERVICES):
+        if each.requires in ('', 'robot.links'):
+            imported.add(each.type.split('/')[0])
     ros = {
         name
         for name in imported

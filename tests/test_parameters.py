@@ -3,6 +3,7 @@
 """The parameter table, and the scenes that values make of it."""
 
 import math
+import re
 import sys
 
 import pytest
@@ -12,6 +13,7 @@ from softbody_ros import installed_files
 from softbody_ros.core import ConfigError, MeshError, World
 from softbody_ros.core.config import checked
 from softbody_ros.scene import parameters
+from softbody_ros.scene.groups import GROUPS
 from softbody_ros.scene.parameters import SceneLists
 
 TABLE = parameters.table(SceneLists())
@@ -29,35 +31,28 @@ def test_every_parameter_has_a_description_and_bounds_where_it_is_a_number():
             assert facts.minimum is not None and facts.maximum is not None, name
 
 
-def test_table_has_what_the_design_lists():
-    scene = 'frame_id time_step reference_step points_rate mesh_rate time_scale step_count '
-    scene += 'input_timeout obstacle_points.radius obstacle_points.self_filter '
-    scene += 'obstacle_points.noise poke.radius robot.links robot.pose robot.friction '
-    scene += 'poke.impulse history.memory publish_tf gravity.magnitude gravity.direction '
-    scene += 'bodies obstacles'
-    body = 'mesh mesh_scale mesh_origin mesh_up size subdivisions visual_mesh simplify_to '
-    body += 'position orientation initial_velocity.linear initial_velocity.angular '
-    body += 'mass mass_distribution density mode stiffness natural_frequency young_modulus '
-    body += 'bounciness deformation elasticity '
-    body += 'friction friction_model volume_conservation damping thickness color '
-    body += 'regions.count regions.overlap regions.whole_body_weight '
-    body += 'plasticity.yield plasticity.creep plasticity.max '
-    body += 'pins.indices pins.box pins.velocity.linear pins.velocity.angular '
-    body += 'attach.to attach.indices attach.box attach.radius'
-    obstacle = 'type mesh mesh_scale mesh_origin mesh_up subdivisions position orientation size '
-    obstacle += 'velocity.linear velocity.angular surface_velocity friction elasticity'
-    expected = scene.split() + [f'ball.{name}' for name in body.split()]
-    expected += [f'ground.{name}' for name in obstacle.split()]
-    assert sorted(TABLE) == sorted(expected)
+def test_descriptions_are_phrases_that_stand_alone():
+    for name, facts in TABLE.items():
+        text = facts.description
+        assert text[0].isupper() or text.startswith('/'), name
+        assert len(text.split()) >= 3 and not text.endswith(('.', ';', ']')), name
+        assert not re.search(r'\b(likewise|ditto|the same|too)\b|\[-1\]|\|', text), name
 
 
-def test_readme_shows_this_table():
-    assert parameters.markdown() in (ROOT / 'README.md').read_text()
+def test_every_parameter_is_in_one_group():
+    grouped = [name for group in GROUPS for name in group.members(TABLE)]
+    assert sorted(grouped) == sorted(TABLE)
+    for group in GROUPS:
+        for first in group.full_names:
+            assert any(name == first or name.startswith(f'{first}.') for name in TABLE), first
 
 
 def test_default_yaml_lists_every_parameter_with_its_default():
     values = scene_values('default')
-    assert sorted(set(TABLE) - set(values)) == ['ground.size']  # unused by a plane
+    assert {name: parameters.promoted(value, TABLE[name]) for name, value in values.items()} == {
+        name: list(facts.default) if isinstance(facts.default, tuple) else facts.default
+        for name, facts in TABLE.items()
+    }
     assert parameters.make_scene(values) == parameters.make_scene({})
 
 

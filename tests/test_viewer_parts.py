@@ -232,7 +232,7 @@ def test_every_parameter_has_a_widget_that_gives_its_value_back():
 def test_a_field_says_what_the_descriptor_says():
     field, _ = described()['ball.mass']
     assert (field.kind, field.unit, field.minimum, field.maximum) == ('slider', 'kg', 1e-6, 1e6)
-    assert field.hint == 'total, spread as mass_distribution says (1e-06 … 1e+06 kg)'
+    assert field.hint == f'{parameters.BODY_TABLE["mass"].description} (1e-06 … 1e+06 kg)'
     assert described()['ball.mode'][0].choices == ('rigid', 'linear', 'quadratic')
 
 

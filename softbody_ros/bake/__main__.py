@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Bake as the command line says; return 0, 1 with one sentence, or 128 + signal."""
     # nothing is written yet: a signal may end the process at once, without a traceback
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     from softbody_ros.core import ConfigError, MeshError, SimulationError
 
     try:
@@ -74,30 +74,31 @@ def main(arguments: list[str] | None = None) -> int:
     return 1
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the arguments."""
+    result = argparse.ArgumentParser(
         prog='bake',
         description=DESCRIPTION,
         epilog=DETAILS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('scene', metavar='SCENE.yaml', help='parameter file of sim_node')
-    parser.add_argument(
+    result.add_argument('scene', metavar='SCENE.yaml', help='parameter file of sim_node')
+    result.add_argument(
         '--seconds', type=float, default=5.0, help='length in simulated time (default: 5)'
     )
-    parser.add_argument(
+    result.add_argument(
         '--fps', type=float, default=60.0, help='frames a simulated second (default: 60)'
     )
-    parser.add_argument(
+    result.add_argument(
         '-o', '--output', metavar='FILE', action='append', type=_path, default=[],
         help='may be given several times (default: the name of the scene, here, as .usdc if '
         'usd-core is installed, else as .npz)',
     )  # fmt: skip
-    parser.add_argument(
+    result.add_argument(
         '-p', '--param', metavar='NAME:=VALUE', action='append', default=[],
         help='another value of a parameter, as for sim_node; may be given several times',
     )  # fmt: skip
-    return parser
+    return result
 
 
 def _path(text: str) -> Path:

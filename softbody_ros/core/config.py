@@ -4,7 +4,7 @@
 Settings of a simulation as frozen dataclasses, validated on construction.
 
 Each field declares its default, range, unit and description once, in `setting(...)`; validation,
-the ROS parameters, their descriptors and the README table are all derived from it.
+the ROS parameters, their descriptors and the reference pages are all derived from it.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from softbody_ros.core.geometry.mesh import (
     MeshFrame,
     Surface,
 )
+from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 from softbody_ros.core.geometry.simplification import FEWEST
 
 MODES = ('rigid', 'linear', 'quadratic')
@@ -254,25 +255,36 @@ def _vector(default: tuple[float, ...], description: str, **facts: Any) -> Any:
     return setting(default, description, **facts)
 
 
+MESH_SOURCE = (
+    f'a primitive ({", ".join(PRIMITIVES)}) or a mesh file '
+    f'({", ".join(FILE_TYPES).upper()}) by path, file:// or package:// URI'
+)
+RESOLUTION = 'each level has four times as many triangles'
+
+
 def _mesh_scale() -> Any:
     return setting(
         0.0,
-        'metres that one unit of a mesh file is, 0.001 for millimetres; 0: scaled to fit size. '
-        'Without effect on primitives, like mesh_origin and mesh_up',
+        'Length in m of one unit of the mesh file, such as 0.001 for millimetres; 0 scales the '
+        'file to size; without effect on primitives',
         minimum=0.0, maximum=LARGEST, read_only=True,
     )  # fmt: skip
 
 
 def _mesh_origin() -> Any:
     return setting(
-        'box_centre', "point of a mesh file that becomes the body's or obstacle's own origin",
+        'box_centre',
+        'Point of the mesh file that becomes the origin of the body or obstacle: centre of the '
+        'bounding box, origin of the file or centre of mass; without effect on primitives',
         choices=ORIGINS, read_only=True,
     )  # fmt: skip
 
 
 def _mesh_up() -> Any:
     return setting(
-        'auto', 'axis of a mesh file that points up; auto: y of GLB, as COLLADA says, else z',
+        'auto',
+        'Axis of the mesh file that points up; auto takes y for GLB, the axis that a COLLADA '
+        'file states, and z for other formats; without effect on primitives',
         choices=UPS, read_only=True,
     )  # fmt: skip
 
@@ -288,146 +300,167 @@ class BodyConfig(Checked):
 
     name: str = 'body'
     mesh: str | Surface = setting(
-        'icosphere',
-        f'{", ".join(PRIMITIVES)}, or a file (STL, OBJ, PLY, OFF, GLB): path or package:// URI',
-        read_only=True,
+        'icosphere', f'Surface to simulate: {MESH_SOURCE}', read_only=True
     )
     size: float = setting(
         0.5,
-        'radius or half extent; a file is scaled to it by its longest side, unless mesh_scale is '
-        'given',
+        'Radius or half extent of a primitive; half of the longest side of a mesh file, unless '
+        'mesh_scale is set',
         unit='m', minimum=1e-4, maximum=1e4, read_only=True,
     )  # fmt: skip
     mesh_scale: float = _mesh_scale()
     mesh_origin: str = _mesh_origin()
     mesh_up: str = _mesh_up()
-    subdivisions: int = setting(3, 'fineness of a primitive', minimum=0, maximum=8, read_only=True)
+    subdivisions: int = setting(
+        3, f'Resolution of a primitive: {RESOLUTION}', minimum=0, maximum=8, read_only=True
+    )
     mass_distribution: str = setting(
-        'surface', 'over the surface, by area, as of a hollow ball; or over the volume that it '
-        'encloses, as of a solid one', choices=MASS_DISTRIBUTIONS, read_only=True,
+        'surface', 'Distribution of the mass: surface spreads it over the surface by area, as in '
+        'a hollow ball; volume over the enclosed volume, as in a solid ball',
+        choices=MASS_DISTRIBUTIONS, read_only=True,
     )  # fmt: skip
     visual_mesh: str | Surface = setting(
-        '', 'a fine surface, given like mesh, that the simulated one carries and that is shown in '
-        'its place; empty: none', read_only=True,
+        '', 'Fine surface that follows the simulated one and is displayed in its place: a '
+        'primitive or a mesh file, given as in mesh; empty for none', read_only=True,
     )  # fmt: skip
     simplify_to: int = setting(
-        0, 'vertices, about, to which the mesh is simplified for the simulation, while itself is '
-        'shown; 0 is off; needs fast-simplification', minimum=0, maximum=LARGEST_MESH,
-        read_only=True,
+        0, 'Approximate number of vertices to which the mesh is simplified for the simulation, '
+        'while the original mesh is displayed; 0 is off; requires fast-simplification',
+        minimum=0, maximum=LARGEST_MESH, read_only=True,
     )  # fmt: skip
     position: tuple[float, ...] = _vector(
-        (0.0, 0.0, 1.5), 'where the body starts, and returns to on reset', unit='m'
+        (0.0, 0.0, 1.5), 'Initial position of the body, to which a reset returns it', unit='m'
     )
     orientation: tuple[float, ...] = _vector(
-        (0.0, 0.0, 0.0, 1.0), 'how the body starts: quaternion x y z w', minimum=-1.0, maximum=1.0
-    )
+        (0.0, 0.0, 0.0, 1.0),
+        'Initial orientation of the body, to which a reset returns it: quaternion x y z w',
+        minimum=-1.0, maximum=1.0,
+    )  # fmt: skip
     initial_velocity_linear: tuple[float, ...] = _vector(
-        (0.0, 0.0, 0.0), 'of the centre of mass, at start and on apply_initial_velocity',
+        (0.0, 0.0, 0.0),
+        'Initial velocity of the centre of mass, set at the start, by ~/reset and by '
+        '~/apply_initial_velocity',
         unit='m/s', minimum=-1e4, maximum=1e4, group='initial_velocity',
     )  # fmt: skip
     initial_velocity_angular: tuple[float, ...] = _vector(
-        (0.0, 0.0, 0.0), 'about the centre of mass, world axes',
+        (0.0, 0.0, 0.0),
+        'Initial angular velocity about the centre of mass in world axes, set at the start, by '
+        '~/reset and by ~/apply_initial_velocity',
         unit='rad/s', minimum=-1e4, maximum=1e4, group='initial_velocity',
     )  # fmt: skip
     mass: float = setting(
-        1.0, 'total, spread as mass_distribution says', unit='kg', minimum=1e-6, maximum=1e6
-    )
-    density: float = setting(
-        0.0, 'mass per enclosed volume, in place of mass; 0: by mass', unit='kg/m³', minimum=0.0,
-        maximum=1e5,
+        1.0, 'Total mass of the body, in effect if density is 0', unit='kg', minimum=1e-6,
+        maximum=1e6,
     )  # fmt: skip
-    mode: str = setting('quadratic', 'what the goal shape can do', choices=MODES)
+    density: float = setting(
+        0.0, 'Density of the material, which sets the mass by the enclosed volume; 0 uses mass',
+        unit='kg/m³', minimum=0.0, maximum=1e5,
+    )  # fmt: skip
+    mode: str = setting(
+        'quadratic', 'Deformations that the goal shape can have: rigid has none; linear '
+        'stretches and shears; quadratic also bends, twists and bulges', choices=MODES,
+    )  # fmt: skip
     stiffness: float = setting(
-        0.5, 'pull towards the goal: cos(ω·reference_step) = 1 − stiffness/2', minimum=0.0,
-        maximum=1.0,
+        0.5, 'Stiffness of the pull towards the goal shape, in effect if natural_frequency and '
+        'young_modulus are 0; its angular frequency ω follows from cos(ω·reference_step) = 1 − '
+        'stiffness/2', minimum=0.0, maximum=1.0,
     )  # fmt: skip
     natural_frequency: float = setting(
-        0.0, 'of the pull towards the goal, in place of stiffness; 0: by stiffness', unit='Hz',
-        minimum=0.0, maximum=1e6,
+        0.0, 'Natural frequency of the pull towards the goal shape, in place of stiffness; 0 '
+        'uses stiffness', unit='Hz', minimum=0.0, maximum=1e6,
     )  # fmt: skip
     young_modulus: float = setting(
-        0.0, 'E of the material, in place of natural_frequency and stiffness: sets the frequency '
-        'by size, mass and shape; 0: these say it', unit='Pa', minimum=0.0, maximum=1e12,
+        0.0, "Young's modulus of the material, which sets the natural frequency by size, mass "
+        'and shape; 0 uses natural_frequency or stiffness', unit='Pa', minimum=0.0, maximum=1e12,
     )  # fmt: skip
     bounciness: float = setting(
-        0.5, 'how much of each deformation swing the next one keeps', minimum=0.0, maximum=1.0
-    )
+        0.5, 'Ratio of the amplitudes of successive half swings of a deformation: 0 is '
+        'critically damped, 1 is undamped', minimum=0.0, maximum=1.0,
+    )  # fmt: skip
     deformation: float = setting(
-        0.5, 'share β of the deformation that the goal follows', minimum=0.0, maximum=1.0
-    )
+        0.5, 'Fraction β of the deformation that the goal shape follows: larger values yield '
+        'more, and at 1 the deformation remains', minimum=0.0, maximum=1.0,
+    )  # fmt: skip
     elasticity: float = setting(
-        0.3, 'restitution ε: rigid exactly, else how much of its rebound a body keeps',
-        minimum=0.0, maximum=1.0,
+        0.3, 'Coefficient of restitution ε of contacts: exact for rigid bodies; of deformable '
+        'bodies, the fraction of the rebound that is kept', minimum=0.0, maximum=1.0,
     )  # fmt: skip
     friction: float = setting(
-        0.5, 'coulomb: the coefficient μ; viscous: sliding speed removed per reference_step',
+        0.5, 'Friction of the surface: the coefficient μ with friction_model coulomb; the '
+        'fraction of the sliding velocity removed per reference_step with viscous',
         minimum=0.0, maximum=10.0,
     )  # fmt: skip
-    friction_model: str = setting('coulomb', 'law of sliding friction', choices=FRICTION_MODELS)
+    friction_model: str = setting(
+        'coulomb', 'Law of sliding friction: coulomb limits the force to μ times the normal '
+        'force; viscous removes a fraction of the sliding velocity', choices=FRICTION_MODELS,
+    )  # fmt: skip
     volume_conservation: float = setting(
-        1.0, 'how far the goal keeps the rest volume', minimum=0.0, maximum=1.0
-    )
+        1.0, 'Degree to which the rest volume is conserved: 1 is incompressible, 0 lets the '
+        'volume change', minimum=0.0, maximum=1.0,
+    )  # fmt: skip
     damping: float = setting(
-        0.0, 'share of the velocity of deformation removed per reference_step; never of the '
-        'rigid motion', minimum=0.0, maximum=1.0,
+        0.0, 'Fraction of the velocity of deformation removed per reference_step; rigid motion '
+        'is not damped', minimum=0.0, maximum=1.0,
     )  # fmt: skip
     thickness: float = setting(
-        0.0, 'distance kept from obstacles', unit='m', minimum=0.0, maximum=1e3
-    )
-    regions_count: int = setting(
-        0, 'parts that are matched by themselves, so that the body bends locally; 0 is none',
-        minimum=0, maximum=4096, group='regions', read_only=True,
+        0.0, 'Distance that the vertices of the body keep from obstacles', unit='m', minimum=0.0,
+        maximum=1e3,
     )  # fmt: skip
-    regions_overlap: int = setting(
-        3, 'regions that each particle belongs to', minimum=1, maximum=16, group='regions',
+    regions_count: int = setting(
+        0, 'Number of overlapping regions that are matched separately, so that the body bends '
+        'locally; 0 matches the body as a whole only', minimum=0, maximum=4096, group='regions',
         read_only=True,
     )  # fmt: skip
+    regions_overlap: int = setting(
+        3, 'Number of regions to which each particle belongs', minimum=1, maximum=16,
+        group='regions', read_only=True,
+    )  # fmt: skip
     regions_whole_body_weight: float = setting(
-        0.3, 'weight of the match of the whole body; the regions share the rest', minimum=0.0,
-        maximum=1.0, group='regions',
+        0.3, 'Weight of the match of the whole body in the goal shape; the regions share the '
+        'rest', minimum=0.0, maximum=1.0, group='regions',
     )  # fmt: skip
     plasticity_yield: float = setting(
-        0.1, 'strain beyond which deformation becomes permanent', minimum=0.0, maximum=10.0,
+        0.1, 'Strain beyond which deformation becomes permanent', minimum=0.0, maximum=10.0,
         group='plasticity',
     )  # fmt: skip
     plasticity_creep: float = setting(
-        0.0, 'rate at which it does; 0 is none', unit='1/s', minimum=0.0, maximum=1e4,
-        group='plasticity',
+        0.0, 'Rate of plastic flow beyond the yield strain; 0 is elastic', unit='1/s',
+        minimum=0.0, maximum=1e4, group='plasticity',
     )  # fmt: skip
     plasticity_max: float = setting(
-        0.3, 'largest permanent strain', minimum=0.0, maximum=0.9, group='plasticity'
+        0.3, 'Largest permanent strain', minimum=0.0, maximum=0.9, group='plasticity'
     )
     pins_indices: tuple[int, ...] = setting(
-        (), 'vertices that are held where they are; [-1] for none', minimum=-1,
-        maximum=LARGEST_MESH, items=int, group='pins',
+        (), 'Indices of pinned vertices, which are held in place or moved by pins.velocity; empty '
+        'for none', minimum=-1, maximum=LARGEST_MESH, items=int, group='pins',
     )  # fmt: skip
     pins_box: tuple[float, ...] = _vector(
-        (0.0,) * 6, 'vertices in this box of the mesh are held too: x y z of two corners, in the '
-        'axes of the mesh; all 0 for none', unit='m', group='pins',
+        (0.0,) * 6, 'Box whose vertices are pinned: x y z of two opposite corners in the axes of '
+        'the mesh; all 0 for none', unit='m', group='pins',
     )  # fmt: skip
     pins_velocity_linear: tuple[float, ...] = _vector(
-        (0.0, 0.0, 0.0), 'with which the held vertices are moved', unit='m/s', minimum=-1e4,
-        maximum=1e4, group='pins.velocity',
+        (0.0, 0.0, 0.0), 'Velocity of the pinned vertices in world axes', unit='m/s',
+        minimum=-1e4, maximum=1e4, group='pins.velocity',
     )  # fmt: skip
     pins_velocity_angular: tuple[float, ...] = _vector(
-        (0.0, 0.0, 0.0), 'about their centre, world axes', unit='rad/s', minimum=-1e4,
-        maximum=1e4, group='pins.velocity',
+        (0.0, 0.0, 0.0), 'Angular velocity of the pinned vertices about their centre in world '
+        'axes', unit='rad/s', minimum=-1e4, maximum=1e4, group='pins.velocity',
     )  # fmt: skip
     attach_to: str = setting(
-        '', 'obstacle, or link of a robot, with which vertices move from now on, as if glued to '
-        'it; empty: they are let go', group='attach',
+        '', 'Name of the obstacle or robot link to which the vertices of attach.indices, '
+        'attach.box and attach.radius are attached; empty detaches them', group='attach',
     )  # fmt: skip
     attach_indices: tuple[int, ...] = setting(
-        (), 'vertices that do; [-1] for none', minimum=-1, maximum=LARGEST_MESH, items=int,
-        group='attach',
+        (), 'Indices of vertices that attach.to attaches; empty for none', minimum=-1,
+        maximum=LARGEST_MESH, items=int, group='attach',
     )  # fmt: skip
     attach_box: tuple[float, ...] = _vector(
-        (0.0,) * 6, 'vertices in this box of the mesh do too, given like pins.box', unit='m',
-        group='attach',
+        (0.0,) * 6, 'Box whose vertices attach.to attaches: x y z of two opposite corners in the '
+        'axes of the mesh; all 0 for none', unit='m', group='attach',
     )  # fmt: skip
     attach_radius: float = setting(
-        0.0, 'vertices up to this distance from the surface of the obstacle do too; 0 for none',
-        unit='m', minimum=0.0, maximum=1e4, group='attach',
+        0.0, 'Distance from the surface of the obstacle within which attach.to attaches '
+        'vertices; 0 for none', unit='m', minimum=0.0, maximum=1e4, group='attach',
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -504,47 +537,54 @@ class ObstacleConfig(Checked):
 
     name: str = 'ground'
     type: str = setting(
-        'plane', 'shape; +z is the normal of a plane, the axis of a capsule or cylinder',
-        choices=OBSTACLE_TYPES, read_only=True,
+        'plane', 'Shape of the obstacle; its +z axis is the normal of a plane and the axis of a '
+        'capsule or cylinder', choices=OBSTACLE_TYPES, read_only=True,
     )  # fmt: skip
     mesh: str | Surface = setting(
-        '', 'of type mesh: a closed surface, given like that of a body', read_only=True
+        '', f'Closed surface of an obstacle of type mesh: {MESH_SOURCE}', read_only=True
     )
     mesh_scale: float = _mesh_scale()
     mesh_origin: str = _mesh_origin()
     mesh_up: str = _mesh_up()
     subdivisions: int = setting(
-        3, "fineness of a mesh's primitive", minimum=0, maximum=8, read_only=True
+        3, f'Resolution of the primitive of an obstacle of type mesh: {RESOLUTION}', minimum=0,
+        maximum=8, read_only=True,
+    )  # fmt: skip
+    position: tuple[float, ...] = _vector(
+        (0.0, 0.0, 0.0), 'Position of the origin of the obstacle', unit='m'
     )
-    position: tuple[float, ...] = _vector((0.0, 0.0, 0.0), 'origin of the shape', unit='m')
     orientation: tuple[float, ...] = _vector(
-        (0.0, 0.0, 0.0, 1.0), 'quaternion x y z w', minimum=-1.0, maximum=1.0
-    )
+        (0.0, 0.0, 0.0, 1.0), 'Orientation of the obstacle: quaternion x y z w', minimum=-1.0,
+        maximum=1.0,
+    )  # fmt: skip
     size: tuple[float, ...] = setting(
         (1.0, 1.0, 1.0),
-        'half extents of a box; of the round ones radius, unused, half length; of a mesh half of '
-        'its longest side first, unless mesh_scale is given; unused by a plane',
+        'Half extents x y z of a box; radius, unused, half length of a sphere, capsule or '
+        'cylinder; half of the longest side, unused, unused of a mesh, unless mesh_scale is set; '
+        'without effect on a plane',
         unit='m', minimum=1e-4, maximum=1e4,
     )  # fmt: skip
     velocity_linear: tuple[float, ...] = _vector(
-        (0.0, 0.0, 0.0), 'of the origin', unit='m/s', minimum=-1e4, maximum=1e4, group='velocity'
-    )
+        (0.0, 0.0, 0.0), 'Velocity of the origin of the obstacle in world axes', unit='m/s',
+        minimum=-1e4, maximum=1e4, group='velocity',
+    )  # fmt: skip
     velocity_angular: tuple[float, ...] = _vector(
-        (0.0, 0.0, 0.0), 'about the origin, world axes',
+        (0.0, 0.0, 0.0), 'Angular velocity of the obstacle about its origin in world axes',
         unit='rad/s', minimum=-1e4, maximum=1e4, group='velocity',
     )  # fmt: skip
     surface_velocity: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0),
-        'of the surface along itself, as of a conveyor belt, in the axes of the obstacle, which '
-        'itself stays', unit='m/s', minimum=-1e4, maximum=1e4,
+        'Velocity of the surface along itself in the axes of the obstacle, as of a conveyor '
+        'belt, while the obstacle stays in place', unit='m/s', minimum=-1e4, maximum=1e4,
     )  # fmt: skip
     friction: float = setting(
-        -1.0, 'with that of a body, its friction is the geometric mean of both; negative: the '
-        "body's alone", minimum=-1.0, maximum=10.0,
+        -1.0, 'Friction coefficient of the obstacle, combined with that of a body by the '
+        'geometric mean; negative uses that of the body alone', minimum=-1.0, maximum=10.0,
     )  # fmt: skip
     elasticity: float = setting(
-        -1.0, 'with that of a rigid body, its restitution ε is the geometric mean of both; '
-        "negative: the body's alone", minimum=-1.0, maximum=1.0,
+        -1.0, 'Coefficient of restitution of the obstacle, combined with that of a rigid body by '
+        'the geometric mean; negative uses that of the body alone, as deformable bodies do',
+        minimum=-1.0, maximum=1.0,
     )  # fmt: skip
 
     @property
@@ -582,18 +622,22 @@ class WorldConfig(Checked):
     """Everything that `World` needs: time steps, gravity, bodies and obstacles."""
 
     time_step: float = setting(
-        1 / 240, 'one tick', unit='s', minimum=1e-5, maximum=0.1, read_only=True
-    )
+        1 / 240, 'Length of one tick, the fixed time step of the simulation', unit='s',
+        minimum=1e-5, maximum=0.1, read_only=True,
+    )  # fmt: skip
     reference_step: float = setting(
-        1 / 120, 'step at which stiffness and friction mean what the publication means',
-        unit='s', minimum=1e-5, maximum=1.0, read_only=True,
+        1 / 120, 'Time step to which stiffness, damping and viscous friction refer, so that the '
+        'motion does not depend on time_step', unit='s', minimum=1e-5, maximum=1.0,
+        read_only=True,
     )  # fmt: skip
     gravity_magnitude: float = setting(
-        9.81, 'acceleration', unit='m/s²', minimum=0.0, maximum=1e4, group='gravity'
-    )
+        9.81, 'Magnitude of the gravitational acceleration', unit='m/s²', minimum=0.0,
+        maximum=1e4, group='gravity',
+    )  # fmt: skip
     gravity_direction: tuple[float, ...] = _vector(
-        (0.0, 0.0, -1.0), 'any length but zero', group='gravity'
-    )
+        (0.0, 0.0, -1.0), 'Direction of gravity in world axes, of any length except zero',
+        group='gravity',
+    )  # fmt: skip
     bodies: tuple[BodyConfig, ...] = (BodyConfig(name='ball'),)
     obstacles: tuple[ObstacleConfig, ...] = (ObstacleConfig(name='ground'),)
 

@@ -9,10 +9,15 @@ import importlib.util
 from pathlib import Path
 import shutil
 import sys
+import textwrap
 
 from softbody_ros.installed_files import share_directory
+from softbody_ros.ros import interfaces
+from softbody_ros.scene.groups import GROUPS
 
 PACKAGE, NODE = 'softbody_ros', '/softbody_sim'
+WIDTH = 99
+"""Columns of lists in `--help`."""
 MOST_BODIES = 4
 """Bodies named in the message at the start; of more only the number is given."""
 
@@ -22,8 +27,8 @@ usage: sim_node [--viewer] [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r
 Simulates soft bodies and publishes them, live: without arguments a ball that drops on a plane.
 With --viewer also runs `viewer`, a web page that shows and steers them. Stop it with Ctrl-C.
 
-scenes, in {config}:
-  {scenes}
+scenes, as .yaml in {config}:
+{scenes}
 
 try:
   sim_node --ros-args --params-file {example}
@@ -32,44 +37,59 @@ try:
   ros2 service call {node}/reset std_srvs/srv/Trigger
 
 topics that it publishes (~ is {node}):
-  ~/points            PointCloud2      the deformed vertices of all bodies
-  ~/mesh              Marker           their surfaces, for RViz
-  ~/rest_mesh         Mesh             latched: the triangles, with indices as in ~/points
-  ~/visual_mesh       MarkerArray      latched: fine surfaces that bodies carry, at the start
-  ~/obstacle_markers  MarkerArray      latched: what is in the way
-  ~/odometry          Odometry         pose and twist of each body
-  ~/contacts          WrenchStamped    what bodies feel; of one body: ~/contacts/ball
-  ~/pins              WrenchStamped    what pins carry; of one body: ~/pins/ball
-  ~/obstacle_contacts WrenchStamped    what obstacles feel; of one: ~/obstacle_contacts/ground
-  /diagnostics        DiagnosticArray  once a second: speed, frequencies, state
-topics that act on it: ~/obstacles, ~/obstacle_points, ~/wrench, ~/poke, ~/gravity;
-  with robot.links also /robot_description and /joint_states
-services: ~/reset, ~/apply_initial_velocity, ~/pause, ~/step
+{published}
+{received}
+{services}
 
-parameters, most of which change while it runs ('ball' and 'ground' are names):
-  bodies, obstacles    the names of what is in the scene: set them to add and remove
-  ball.mesh            .size, .subdivisions, .mesh_scale, .mesh_origin, .mesh_up: its shape;
-                       .visual_mesh, .simplify_to, .color: how it is shown
-  ball.position        and .orientation, .initial_velocity: how it starts
-  ball.mode            rigid, linear or quadratic; .stiffness, or .natural_frequency, or
-                       .young_modulus; .bounciness, .deformation, .volume_conservation, .damping
-  ball.mass            or .density, and .mass_distribution: what it weighs, and where
-  ball.elasticity      how it bounces; .friction, .friction_model, .thickness: how it touches
-  ball.regions         local bending; .plasticity: dents that stay; .pins, .attach: held vertices
-  ground.type          and .mesh, .size, .position, .orientation, .velocity of an obstacle;
-                       .surface_velocity, .friction, .elasticity: of its surface
-  gravity, time_scale  slow motion; time_step, reference_step, step_count, history: time
-  points_rate          and mesh_rate: how often it publishes; frame_id, publish_tf: frames
-  input_timeout        and poke, obstacle_points, robot: what others send, and links of a robot
-Each with range and unit: ros2 param describe {node} ball.stiffness, or the README."""
+parameters; range and unit of each: ros2 param describe {node} ball.stiffness
+{parameters}"""
 
 
 def help_text() -> str:
     """Return what `sim_node --help` prints."""
     config = config_folder()
-    scenes = sorted(path.name for path in config.glob('*.yaml'))
+    scenes = sorted(path.stem for path in config.glob('*.yaml'))
+    received = [topic.name for topic in interfaces.RECEIVED]
+    services = [service.name for service in interfaces.SERVICES]
+    services.append('those of simulation_interfaces')
     return HELP.format(
-        config=config, scenes=', '.join(scenes), example=config / 'contact.yaml', node=NODE
+        config=config,
+        scenes=_wrapped('  ' + ', '.join(scenes)),
+        example=config / 'contact.yaml',
+        node=NODE,
+        published='\n'.join(_topic_line(topic) for topic in interfaces.PUBLISHED),
+        received=_wrapped(f'topics that it subscribes to: {", ".join(received)}'),
+        services=_wrapped(f'services: {", ".join(services)}'),
+        parameters='\n'.join(_parameters()),
+    )
+
+
+def _topic_line(topic: interfaces.Topic) -> str:
+    """Return name, type and content of a topic in one line."""
+    latched = 'latched: ' if topic.latched else ''
+    each = ''.join(f'; of one: {name}' for name in topic.names[1:])
+    return f'  {topic.name:<19} {topic.short_type:<15} {latched}{topic.summary}{each}'
+
+
+def _parameters() -> list[str]:
+    """Return the names of the parameters by groups: as many groups in a line as fit."""
+    lines: list[str] = []
+    for group in GROUPS:
+        # the owner stands before the first name
+        others = [f'.{name}' if group.owner else name for name in group.names[1:]]
+        names = ', '.join([group.full_names[0], *others])
+        text = f'  {group.title.removeprefix("Body: ").lower()}: {names}'
+        if lines and len(lines[-1]) + len(text) < WIDTH:
+            lines[-1] += f';{text[1:]}'
+        else:
+            lines += _wrapped(text).splitlines()
+    return lines
+
+
+def _wrapped(text: str) -> str:
+    """Return text in lines, all but the first one indented."""
+    return textwrap.fill(
+        text, WIDTH, subsequent_indent='  ', break_long_words=False, break_on_hyphens=False
     )
 
 

@@ -8,14 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.publisher import Publisher
 
 from softbody_ros.core import MeanWrenches, World
 from softbody_ros.core.contact_forces import ContactWrench, ObstacleKey
 from softbody_ros.core.external_inputs import DynamicObstacle, Key, is_link
-from softbody_ros.ros import messages
+from softbody_ros.ros import interfaces, messages
+from softbody_ros.ros.interfaces import Topic
 from softbody_ros.ros.publishers import Publishers
 from softbody_ros.scene.robot import Link
 
@@ -50,10 +50,10 @@ class ContactTopics:
         self._obstacle: dict[str, Publisher] = {}
         self._link: dict[str, Publisher] = {}
         self._links: tuple[Link, ...] = ()
-        self._bodies = publishers.for_each(WrenchStamped, '~/contacts', len(world.names))
-        self._pins = publishers.for_each(WrenchStamped, '~/pins', len(world.names))
+        self._bodies = publishers.for_each(interfaces.CONTACTS, len(world.names))
+        self._pins = publishers.for_each(interfaces.PINS, len(world.names))
         self._obstacles = publishers.for_each(
-            WrenchStamped, '~/obstacle_contacts', len(world.config.obstacles)
+            interfaces.OBSTACLE_CONTACTS, len(world.config.obstacles)
         )
         self.update()
 
@@ -61,20 +61,24 @@ class ContactTopics:
         """Have topics for the bodies and obstacles that there are now."""
         names = self._world.names
         if len(names) != len(self._body) or any(name not in self._body for name in names):
-            self._bodies = self._publishers.deepened(self._bodies, len(names))
-            self._pins = self._publishers.deepened(self._pins, len(names))
-            self._renew(self._body, '~/contacts', names)
-            self._renew(self._pin, '~/pins', names)
+            self._bodies = self._publishers.deepened(self._bodies, interfaces.CONTACTS, len(names))
+            self._pins = self._publishers.deepened(self._pins, interfaces.PINS, len(names))
+            self._renew(self._body, interfaces.CONTACTS, names)
+            self._renew(self._pin, interfaces.PINS, names)
         obstacles = self._world.config.obstacles
         if len(obstacles) != len(self._obstacle) or any(
             obstacle.name not in self._obstacle for obstacle in obstacles
         ):
-            self._obstacles = self._publishers.deepened(self._obstacles, len(obstacles))
+            self._obstacles = self._publishers.deepened(
+                self._obstacles, interfaces.OBSTACLE_CONTACTS, len(obstacles)
+            )
             self._renew(
-                self._obstacle, '~/obstacle_contacts', [obstacle.name for obstacle in obstacles]
+                self._obstacle,
+                interfaces.OBSTACLE_CONTACTS,
+                [obstacle.name for obstacle in obstacles],
             )
 
-    def _renew(self, own: dict[str, Publisher], topic: str, names: Sequence[str]) -> None:
+    def _renew(self, own: dict[str, Publisher], topic: Topic, names: Sequence[str]) -> None:
         for name in own.keys() - set(names):
             self._publishers.destroy(own.pop(name))
             self._was_in_contact.pop(name, None)
@@ -82,13 +86,14 @@ class ContactTopics:
             self._means.forget(name)
         for name in names:
             if name not in own:
-                own[name] = self._publishers.make(WrenchStamped, f'{topic}/{name}')
+                own[name] = self._publishers.make(topic, of=name)
 
     def use_links(self, links: Sequence[Link]) -> None:
         """Have topics for other links of a robot."""
         count = len(self._obstacle) + len(links)
-        self._obstacles = self._publishers.deepened(self._obstacles, count)
-        self._renew(self._link, '~/obstacle_contacts', [link.name for link in links])
+        topic = interfaces.OBSTACLE_CONTACTS
+        self._obstacles = self._publishers.deepened(self._obstacles, topic, count)
+        self._renew(self._link, topic, [link.name for link in links])
         self._links = tuple(links)
 
     def _publish_links(self, stamp: int) -> None:

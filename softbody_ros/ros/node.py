@@ -13,8 +13,7 @@ import threading
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from nav_msgs.msg import Odometry
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -25,22 +24,18 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from sensor_msgs.msg import JointState, PointCloud2
-from shape_msgs.msg import Mesh
-from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.core import ConfigError, MeshError, RigidFit, SimulationError, World
 from softbody_ros.core.shape_matching.gains import damping_ratio
 from softbody_ros.core.warm_up import compile_ahead
-from softbody_ros.ros import cli_help, messages, simulation_interfaces_node
+from softbody_ros.ros import cli_help, interfaces, messages, simulation_interfaces_node
 from softbody_ros.ros.body_frames import BodyFrames
 from softbody_ros.ros.contact_topics import ContactTopics
 from softbody_ros.ros.frames import Frames, tf_lookup
-from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
-from softbody_ros.ros.publishers import Publishers
-from softbody_ros.ros.robot import DESCRIPTION, JOINT_STATES, RobotLinks
+from softbody_ros.ros.obstacle_markers import ObstacleMarkers
+from softbody_ros.ros.publishers import Publishers, create_publisher
+from softbody_ros.ros.robot import RobotLinks
 from softbody_ros.ros.scene_parameters import SceneParameters
 from softbody_ros.ros.simulation_interfaces import Simulation
 from softbody_ros.ros.spinning import spin
@@ -132,8 +127,8 @@ class SimNode(Node):
     def _configure_robot(self, robot: RobotLinks) -> None:
         if self._scene.node.robot_links and not self._hears_robot:
             self._hears_robot = True
-            self._inputs.listen(DESCRIPTION, String, robot.describe, latched=True)
-            self._inputs.listen(JOINT_STATES, JointState, robot.note_joints, polled=True)
+            self._inputs.listen(interfaces.ROBOT_DESCRIPTION, robot.describe)
+            self._inputs.listen(interfaces.JOINT_STATES, robot.note_joints, polled=True)
         robot.configure()
 
     def _use_links(self, robot: Robot | None) -> None:
@@ -144,23 +139,26 @@ class SimNode(Node):
     def _create_publishers(self) -> None:
         count = len(self._world.names)
         self._outputs = Publishers(self, self._on_match)
-        self._points = self._outputs.make(PointCloud2, '~/points')
-        self._mesh = self._outputs.for_each(Marker, '~/mesh', count)
-        self._odometry = self._outputs.for_each(Odometry, '~/odometry', count)
+        self._points = self._outputs.make(interfaces.POINTS)
+        self._mesh = self._outputs.for_each(interfaces.MESH, count)
+        self._odometry = self._outputs.for_each(interfaces.ODOMETRY, count)
         self._contacts = ContactTopics(self._world, self._outputs)
         self._body_frames = BodyFrames(self)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._rest_mesh = self.create_publisher(Mesh, '~/rest_mesh', LATCHED)
-        self._visual_mesh = self.create_publisher(MarkerArray, '~/visual_mesh', LATCHED)
+        self._diagnostics = create_publisher(self, interfaces.DIAGNOSTICS)
+        self._rest_mesh = create_publisher(self, interfaces.REST_MESH)
+        self._visual_mesh = create_publisher(self, interfaces.VISUAL_MESH)
         self._described: tuple[str, ...] = ()
 
     def _create_services(self) -> None:
-        self.create_service(Trigger, '~/reset', self._reset)
-        self.create_service(Trigger, '~/apply_initial_velocity', self._apply_initial_velocity)
-        self.create_service(SetBool, '~/pause', self._pause)
         # it awaits steps taken by the timer, whose group it must not block
         group = ReentrantCallbackGroup()
-        self.create_service(Trigger, '~/step', self._step, callback_group=group)
+        for service, answer, own_group in (
+            (interfaces.RESET, self._reset, None),
+            (interfaces.APPLY_INITIAL_VELOCITY, self._apply_initial_velocity, None),
+            (interfaces.PAUSE, self._pause, None),
+            (interfaces.STEP, self._step, group),
+        ):
+            self.create_service(service.kind, service.name, answer, callback_group=own_group)
         simulation = Simulation(
             self._stepper, self._parameters_of_scene, self._paused, self._restarted
         )
@@ -379,8 +377,8 @@ class SimNode(Node):
     def _describe_bodies(self, stamp: int) -> None:
         """Say which bodies there are: delete the markers of the gone, publish the rest mesh."""
         names, count = self._world.names, max(len(self._world.names), len(self._described))
-        self._mesh = self._outputs.deepened(self._mesh, count)
-        self._odometry = self._outputs.deepened(self._odometry, count)
+        self._mesh = self._outputs.deepened(self._mesh, interfaces.MESH, count)
+        self._odometry = self._outputs.deepened(self._odometry, interfaces.ODOMETRY, count)
         if self._mesh.get_subscription_count():
             for name in self._described:
                 if name not in names:

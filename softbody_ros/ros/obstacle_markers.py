@@ -8,18 +8,16 @@ from collections.abc import Mapping
 import operator
 
 import numpy as np
-from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
+from rclpy.event_handler import QoSPublisherMatchedInfo
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from visualization_msgs.msg import MarkerArray
 
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.external_inputs import ROBOT
-from softbody_ros.ros import messages
+from softbody_ros.ros import interfaces, messages
 from softbody_ros.ros.messages import ShownObstacle
+from softbody_ros.ros.publishers import create_publisher
 from softbody_ros.timeline.stepper import Stepper
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLANE_COLOR, COLOR, RECEIVED_COLOR = (
     (0.78, 0.78, 0.76, 1.0),
     (0.58, 0.60, 0.62, 1.0),
@@ -53,10 +51,7 @@ class ObstacleMarkers:
         self._frame_id = frame_id
         self._shown: Shown = {}
         self._new_subscriber = False
-        events = PublisherEventCallbacks(matched=self._on_match)
-        self._publisher = node.create_publisher(
-            MarkerArray, '~/obstacle_markers', LATCHED, event_callbacks=events
-        )
+        self._publisher = create_publisher(node, interfaces.OBSTACLE_MARKERS, self._on_match)
         self._publish(self._present())
 
     def update(self, due: bool) -> None:

@@ -1,15 +1,44 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers that are made and destroyed while a node runs."""
+"""Publishers of topics in the table, of which some are made and destroyed while a node runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+
+from softbody_ros.ros.interfaces import Topic
+from softbody_ros.ros.qos import qos_of
+
+
+def create_publisher(
+    node: Node,
+    topic: Topic,
+    on_match: Callable[[QoSPublisherMatchedInfo], None] | None = None,
+    of: str = '',
+    depth: int | None = None,
+) -> Publisher:
+    """
+    Create the publisher of a topic on a node.
+
+    Parameters
+    ----------
+    node : Node
+    topic : Topic
+    on_match : callable, optional
+        called when a subscriber of it comes or goes
+    of : str
+        the body or obstacle, if it is not the topic of all
+    depth : int, optional
+        of its queue, by default that of the topic
+
+    """
+    name = f'{topic.name}/{of}' if of else topic.name
+    events = PublisherEventCallbacks(matched=on_match)
+    return node.create_publisher(topic.kind, name, qos_of(topic, depth), event_callbacks=events)
 
 
 class Publishers:
@@ -27,24 +56,21 @@ class Publishers:
     def __init__(self, node: Node, on_match: Callable[[QoSPublisherMatchedInfo], None]) -> None:
         self._node, self._on_match = node, on_match
 
-    def make(self, kind: type, topic: str, depth: int = 10) -> Publisher:
-        """Return a publisher of messages of a type on a topic, with a queue of some depth."""
-        events = PublisherEventCallbacks(matched=self._on_match)
-        return self._node.create_publisher(kind, topic, depth, event_callbacks=events)
+    def make(self, topic: Topic, of: str = '', depth: int | None = None) -> Publisher:
+        """Return a publisher of a topic, as `create_publisher`."""
+        return create_publisher(self._node, topic, self._on_match, of, depth)
 
-    def for_each(self, kind: type, topic: str, count: int) -> Publisher:
+    def for_each(self, topic: Topic, count: int) -> Publisher:
         """Return a publisher of one message for each of `count` things at a time."""
         # a shallower queue would drop some of them
-        return self.make(kind, topic, max(10, 2 * count))
+        return self.make(topic, depth=max(topic.depth, 2 * count))
 
-    def deepened(self, publisher: Publisher, count: int) -> Publisher:
+    def deepened(self, publisher: Publisher, topic: Topic, count: int) -> Publisher:
         """Return a publisher as `for_each`: the given one if its queue is deep enough."""
         if publisher.qos_profile.depth >= 2 * count:
             return publisher
-        kind: Any = publisher.msg_type
-        topic = publisher.topic_name
         self.destroy(publisher)
-        return self.for_each(kind, topic, 2 * count)  # not for each that is added
+        return self.for_each(topic, 2 * count)  # not for each that is added
 
     def destroy(self, publisher: Publisher) -> None:
         """Destroy a publisher."""

@@ -22,6 +22,7 @@ from std_msgs.msg import String
 from softbody_ros.core.external_inputs import Twist, is_link
 from softbody_ros.ros import message_parsing
 from softbody_ros.ros.frames import Lookup, Pose
+from softbody_ros.ros.interfaces import JOINT_STATES, ROBOT_DESCRIPTION
 from softbody_ros.scene.parameters import NodeConfig
 from softbody_ros.scene.robot import (
     STILL,
@@ -33,7 +34,6 @@ from softbody_ros.scene.robot import (
 )
 from softbody_ros.timeline.stepper import Stepper
 
-DESCRIPTION, JOINT_STATES = '/robot_description', '/joint_states'
 AT_ORIGIN = NodeConfig().robot_pose
 """The pose that stands for that of TF, if there is one."""
 PATIENCE = 1.0
@@ -116,7 +116,7 @@ class RobotLinks:
         """Use other parameters."""
         problem = self._read()
         if problem:
-            self._warn(DESCRIPTION, problem)
+            self._warn(ROBOT_DESCRIPTION.name, problem)
 
     # ------------------------------------------------------------------------------- the robot
     def _read(self) -> str:
@@ -140,7 +140,7 @@ class RobotLinks:
             return f'it is ignored: {error}'
         self._use(robot)
         for problem in problems[1:]:
-            self._say(DESCRIPTION, problem)
+            self._say(ROBOT_DESCRIPTION.name, problem)
         return problems[0] if problems else ''
 
     def _use(self, robot: Robot | None) -> None:
@@ -220,7 +220,7 @@ class RobotLinks:
         if since is None or time.monotonic() < since + PATIENCE:
             return False
         self._say(
-            JOINT_STATES,
+            JOINT_STATES.name,
             f'nobody sends {_listed(missing)} of the robot: where that is unknown, 0 is taken',
         )
         return True
@@ -277,12 +277,12 @@ class RobotLinks:
         robot = self._robot
         if waited and not self._text:
             self._say(
-                DESCRIPTION,
+                ROBOT_DESCRIPTION.name,
                 'robot.links is set, but no robot is described there: start robot_state_publisher',
             )
         elif waited and robot is not None and robot.joints and self._heard_since is None:
             self._say(
-                JOINT_STATES,
+                JOINT_STATES.name,
                 f'nobody sends {_listed(robot.joints)} of the robot: it is not in the way yet',
             )
         messages, self._messages = self._messages, 0

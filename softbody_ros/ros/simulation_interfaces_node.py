@@ -17,9 +17,9 @@ from rclpy.node import Node
 from rclpy.type_support import check_for_type_support
 
 from softbody_ros.ros import messages
+from softbody_ros.ros.interfaces import STANDARD_SERVICES
 from softbody_ros.ros.simulation_interfaces import (
     ENTITIES_SPAWN_FAILED,
-    FEATURES,
     OF_LATER_VERSIONS,
     OK,
     OPERATION_FAILED,
@@ -36,11 +36,11 @@ def interfaces(node: Node) -> dict[str, type]:
     """Return the types of the offered services by name; none if the package is not usable."""
     try:
         module = importlib.import_module(PACKAGE)
-        types = {name: ''.join(map(str.capitalize, name.split('_'))) for name in FEATURES}
         kinds = {
-            name: getattr(module, kind)
-            for name, kind in types.items()
-            if name not in OF_LATER_VERSIONS or hasattr(module, kind)
+            service.name.removeprefix('~/'): service.kind
+            for service in STANDARD_SERVICES
+            if service.name.removeprefix('~/') not in OF_LATER_VERSIONS
+            or hasattr(module, service.short_type)
         }
         for kind in kinds.values():
             check_for_type_support(kind)

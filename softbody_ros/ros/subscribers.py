@@ -32,9 +32,11 @@ from softbody_ros.core.external_inputs import (
     ObstacleUpdate,
     is_link,
 )
-from softbody_ros.ros import message_parsing
+from softbody_ros.ros import interfaces, message_parsing
 from softbody_ros.ros.frames import Frames
+from softbody_ros.ros.interfaces import Topic
 from softbody_ros.ros.message_parsing import InputError
+from softbody_ros.ros.qos import qos_of
 from softbody_ros.scene.parameters import NodeConfig
 from softbody_ros.timeline.stepper import Stepper
 
@@ -43,9 +45,7 @@ WARNING_PERIOD = 5.0
 BYTES_PER_ACTION = 1000
 BYTES_PER_MARKER, BYTES_PER_POSE = 400, 1000
 """Approximate memory of an action in the history; an unchanged marker shares its pose."""
-RELIABLE = QoSProfile(depth=10)
-# best effort also receives from reliable publishers; of clouds only the last one matters
-NEWEST_CLOUDS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+# it also receives from reliable publishers
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MOST_POLLED = 100
@@ -99,51 +99,39 @@ class InputTopics:
         self._settings = settings
         self._warned: dict[str, float] = {}
         self._polled: list[tuple[_Topic, Subscription]] = []
-        self._topics = [
-            _Topic('~/obstacles', MarkerArray, self._obstacles),
-            _Topic('~/obstacle_points', PointCloud2, self._points),
-            _Topic('~/wrench', WrenchStamped, self._wrench),
-            _Topic('~/poke', PointStamped, self._poke),
-            _Topic('~/gravity', Vector3Stamped, self._gravity),
-        ]
-        for topic in self._topics:
-            self._subscribe(topic, NEWEST_CLOUDS if topic.kind is PointCloud2 else RELIABLE)
+        self._topics: list[_Topic] = []
+        self.listen(interfaces.OBSTACLES, self._obstacles)
+        self.listen(interfaces.OBSTACLE_POINTS, self._points)
+        self.listen(interfaces.APPLIED_WRENCH, self._wrench)
+        self.listen(interfaces.POKE, self._poke)
+        self.listen(interfaces.GRAVITY, self._gravity)
 
     def listen(
-        self,
-        name: str,
-        kind: type,
-        use: Callable[[Any, NodeConfig], str],
-        latched: bool = False,
-        polled: bool = False,
+        self, interface: Topic, use: Callable[[Any, NodeConfig], str], polled: bool = False
     ) -> None:
         """
-        Listen to another topic.
+        Listen to a topic.
 
         Parameters
         ----------
-        name : str
-        kind : type
-            of its messages
+        interface : Topic
         use : callable
             uses a message, with the present NodeConfig, and returns a warning or ''
-        latched : bool
-            whether messages are usually kept there for later subscribers
         polled : bool
             whether they are taken by `poll` only, and wake nobody: rclpy's executor takes half a
             millisecond for each message that it wakes for, so 1 kHz would cost half a core
 
         """
-        topic = _Topic(name, kind, use, group=_NeverReady() if polled else None)
+        topic = _Topic(interface, use, group=_NeverReady() if polled else None)
         self._topics.append(topic)
-        self._subscribe(topic, RELIABLE)
-        if latched:
+        self._subscribe(topic, qos_of(interface, latched=False))
+        if interface.latched:
             self._subscribe(topic, LATCHED)
 
     def _subscribe(self, topic: _Topic, qos: QoSProfile) -> None:
         received = partial(self._received, topic)
         subscription = self._node.create_subscription(
-            topic.kind, topic.name, received, qos, callback_group=topic.group
+            topic.interface.kind, topic.name, received, qos, callback_group=topic.group
         )
         if topic.group is not None:
             self._polled.append((topic, subscription))
@@ -156,7 +144,7 @@ class InputTopics:
             with subscription.handle:
                 for _ in range(MOST_POLLED):
                     # as rclpy's executors take it
-                    taken = subscription.handle.take_message(topic.kind, False)
+                    taken = subscription.handle.take_message(topic.interface.kind, False)
                     if taken is None:
                         break
                     self._received(topic, *taken)
@@ -165,7 +153,7 @@ class InputTopics:
         """Subscribe as the publishers that are there now need it, and say what cannot be heard."""
         for topic in self._topics:
             for publisher in self._node.get_publishers_info_by_topic(topic.full_name):
-                wanted = _type_name(topic.kind)
+                wanted = topic.interface.type
                 if publisher.topic_type != wanted:
                     self._warn(
                         topic.name,
@@ -175,7 +163,7 @@ class InputTopics:
                     continue
                 qos, needed = publisher.qos_profile, topic.heard[0]
                 if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
-                    needed = needed if needed is NEWEST_CLOUDS else BEST_EFFORT
+                    needed = BEST_EFFORT if topic.interface.reliable else needed
                 elif qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
                     needed = LATCHED
                 if needed not in topic.heard:
@@ -328,13 +316,17 @@ class InputTopics:
 class _Topic:
     """A topic, what uses its messages, and how it is subscribed to."""
 
-    name: str
-    kind: type
+    interface: Topic
     use: Callable[[Any, NodeConfig], str]
     full_name: str = ''
     heard: list[QoSProfile] = field(default_factory=list)
     group: CallbackGroup | None = None
     known: deque[tuple[int, int]] = field(default_factory=partial(deque, maxlen=REMEMBERED))
+
+    @property
+    def name(self) -> str:
+        """Its name in sentences."""
+        return self.interface.name
 
     def is_known(self, info: Mapping[str, int]) -> bool:
         """Return whether another subscription has received a message already."""
@@ -344,12 +336,6 @@ class _Topic:
         if key[0] > 0:  # else the middleware does not say
             self.known.append(key)
         return False
-
-
-def _type_name(kind: type) -> str:
-    """Return the name of a message type as ROS writes it: package/msg/Type."""
-    package, *_ = kind.__module__.split('.')
-    return f'{package}/msg/{kind.__name__}'
 
 
 def _is_new(

@@ -4,7 +4,7 @@
 The table of all parameters.
 
 `table` lists every parameter with its `Setting`, from which declaration, descriptors, validation,
-the config of the core and the README table (`python3 -m softbody_ros.scene.parameters`) follow.
+the config of the core and the reference pages (`python3 tools/write_reference.py`) follow.
 """
 
 from __future__ import annotations
@@ -50,64 +50,77 @@ class NodeConfig(Checked):
     """Settings of the node."""
 
     frame_id: str = setting(
-        'world', 'frame of everything that is published and received', read_only=True
-    )
+        'world', 'Name of the world frame, in which bodies and obstacles are placed and published',
+        read_only=True,
+    )  # fmt: skip
     points_rate: float = setting(
-        60.0, '~/points, ~/odometry and TF, in clock time; 0 is off', unit='Hz', minimum=0.0,
-        maximum=1e4,
+        60.0, 'Rate of ~/points, ~/odometry, TF and the topics of forces, in clock time; 0 is off',
+        unit='Hz', minimum=0.0, maximum=1e4,
     )  # fmt: skip
     mesh_rate: float = setting(
-        30.0, '~/mesh and what moves of ~/obstacle_markers, in clock time; 0 is off', unit='Hz',
-        minimum=0.0, maximum=1e4,
+        30.0, 'Rate of ~/mesh, and of ~/obstacle_markers while obstacles move, in clock time; 0 '
+        'is off', unit='Hz', minimum=0.0, maximum=1e4,
     )  # fmt: skip
     time_scale: float = setting(
-        1.0, 'simulated seconds per second of the clock; 0 freezes', minimum=0.0, maximum=10.0
-    )
+        1.0, 'Simulated seconds per second of clock time; 0 freezes the simulation', minimum=0.0,
+        maximum=10.0,
+    )  # fmt: skip
     history_memory: float = setting(
-        128.0, 'for going back in time with /clock; 0 simulates again from the start', unit='MiB',
-        minimum=0.0, maximum=1e6, group='history',
+        128.0, 'Memory for the snapshots from which the simulation goes back in time with '
+        '/clock; 0 simulates again from the start', unit='MiB', minimum=0.0, maximum=1e6,
+        group='history',
     )  # fmt: skip
     publish_tf: bool = setting(
-        True, 'whether the pose of each body is broadcast as a frame of its name, at points_rate; '
-        'needs tf2_ros',
+        True, 'Whether the pose of each body is broadcast as a TF frame of its name, at '
+        'points_rate; requires tf2_ros',
     )  # fmt: skip
-    step_count: int = setting(1, 'ticks per call of ~/step', minimum=1, maximum=1_000_000)
+    step_count: int = setting(
+        1, 'Number of ticks that one call of ~/step simulates', minimum=1, maximum=1_000_000
+    )
 
     input_timeout: float = setting(
-        0.5, 'simulated time for which ~/wrench, ~/gravity and the velocities of ~/obstacles act '
-        'without another message', unit='s', minimum=1e-3, maximum=1e4,
+        0.5, 'Simulated time for which the last message of ~/wrench and ~/gravity, and the last '
+        'velocities of ~/obstacles and /joint_states, stay in effect', unit='s', minimum=1e-3,
+        maximum=1e4,
     )  # fmt: skip
     obstacle_points_radius: float = setting(
-        0.02, 'of the spheres by which the points of ~/obstacle_points push', unit='m',
+        0.02, 'Radius of the sphere that stands for each point of ~/obstacle_points', unit='m',
         minimum=1e-4, maximum=1e3, group='obstacle_points',
     )  # fmt: skip
     obstacle_points_self_filter: float = setting(
-        -1.0, 'distance from the surface of a body up to which points are ignored, as those of a '
-        'camera that sees it: less than the radius; 0 is off, negative: half of the radius',
-        unit='m', minimum=-1.0, maximum=1e3, group='obstacle_points',
-    )  # fmt: skip
-    obstacle_points_noise: float = setting(
-        0.002, 'of points of a camera, a standard deviation: what merely trembles by it stays '
-        'where it is; 0 takes them as they are', unit='m', minimum=0.0, maximum=1e3,
+        -1.0, 'Distance from the surface of a body within which points of ~/obstacle_points are '
+        'ignored, because a camera sees the bodies as well; less than obstacle_points.radius; 0 '
+        'is off, negative is half of that radius', unit='m', minimum=-1.0, maximum=1e3,
         group='obstacle_points',
     )  # fmt: skip
+    obstacle_points_noise: float = setting(
+        0.002, 'Standard deviation of the noise in ~/obstacle_points: points near bodies that '
+        'move by no more than noise are held still; 0 uses all points as received', unit='m',
+        minimum=0.0, maximum=1e3, group='obstacle_points',
+    )  # fmt: skip
     poke_radius: float = setting(
-        0.15, 'of the spot that ~/poke pokes', unit='m', minimum=1e-4, maximum=1e3, group='poke'
-    )
+        0.15, 'Radius of the part of the surface that a message on ~/poke pushes inwards',
+        unit='m', minimum=1e-4, maximum=1e3, group='poke',
+    )  # fmt: skip
     poke_impulse: float = setting(
-        1.5, 'momentum that it gives, inwards', unit='N s', minimum=0.0, maximum=1e6, group='poke'
-    )
+        1.5, 'Impulse, directed inwards, of a message on ~/poke', unit='N s', minimum=0.0,
+        maximum=1e6, group='poke',
+    )  # fmt: skip
     robot_links: tuple[str, ...] = setting(
-        (), 'links of the robot of /robot_description that are obstacles, moved by /joint_states: '
-        "names, or patterns such as '*finger*'; [''] for none", items=str, group='robot',
+        (), 'Links of the robot in /robot_description that are obstacles and follow '
+        "/joint_states: names, or patterns such as '*finger*'; empty for none", items=str,
+        group='robot',
     )  # fmt: skip
     robot_pose: tuple[float, ...] = setting(
-        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 'of its root in frame_id: x y z, and a quaternion '
-        'x y z w', unit='m', minimum=-1e6, maximum=1e6, group='robot',
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 'Pose of the root link of the robot in frame_id: '
+        'position x y z, orientation as a quaternion x y z w; the default takes the pose from '
+        'TF where tf2_ros is installed', unit='m', minimum=-1e6, maximum=1e6, group='robot',
     )  # fmt: skip
     robot_friction: float = setting(
-        -1.0, 'of its links, as that of obstacles', minimum=-1.0, maximum=10.0, group='robot'
-    )
+        -1.0, 'Friction coefficient of the links of the robot, combined with that of a body by '
+        'the geometric mean; negative uses that of the body alone', minimum=-1.0, maximum=10.0,
+        group='robot',
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -141,8 +154,9 @@ class Appearance(Checked):
 
     name: str = 'body'
     color: tuple[float, ...] = setting(
-        (0.9, 0.45, 0.2, 1.0), 'red green blue alpha of ~/mesh', minimum=0.0, maximum=1.0
-    )
+        (0.9, 0.45, 0.2, 1.0), 'Colour of the displayed surface: red, green, blue, alpha',
+        minimum=0.0, maximum=1.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -150,12 +164,13 @@ class SceneLists(Checked):
     """Names of the bodies and obstacles, which prefix their parameters."""
 
     bodies: tuple[str, ...] = setting(
-        ('ball',), 'names of the bodies, in any order; what is new is added, what is left out '
-        'removed; [] for none', items=str,
+        ('ball',), 'Names of the bodies: a name that is new adds a body, a name that is left out '
+        'removes it; empty for none', items=str,
     )  # fmt: skip
     obstacles: tuple[str, ...] = setting(
-        ('ground',), 'names of the obstacles, likewise', items=str
-    )
+        ('ground',), 'Names of the obstacles: a name that is new adds an obstacle, a name that is '
+        'left out removes it; empty for none', items=str,
+    )  # fmt: skip
 
 
 BODY_TABLE = {
@@ -414,37 +429,3 @@ def as_parameter(value: Any, facts: Setting) -> Any:
 def normal(value: Any, facts: Setting) -> Any:
     """Return a value as it is declared: floats where they are meant, no empty lists."""
     return as_parameter(promoted(value, facts), facts)
-
-
-def type_name(facts: Setting) -> str:
-    """Return the name of the type in ROS tools."""
-    names = {bool: 'bool', int: 'integer', float: 'double', str: 'string'}
-    if isinstance(facts.default, tuple):
-        return names[facts.items or float] + ' array'
-    return names[type(facts.default)]
-
-
-def markdown() -> str:
-    """Return the README's table of parameters."""
-    rows = ['| parameter | type | default | range | unit | |', '|---|---|---|---|---|---|']
-    for name, facts in table(SceneLists()).items():
-        rows.append(
-            f'| `{name}`{"†" if facts.read_only else ""} | {type_name(facts)} '
-            f'| {_default_text(facts.default)} | {facts.range_text.replace("|", "·")} '
-            f'| {facts.unit} | {facts.description} |'
-        )
-    return '\n'.join(rows)
-
-
-def _default_text(default: Any) -> str:
-    if isinstance(default, tuple):
-        return '[' + ', '.join(_default_text(item) for item in default) + ']'
-    if isinstance(default, float) and 0.0 < default < 0.01:
-        return f'1/{1 / default:g}'
-    if isinstance(default, bool):
-        return str(default).lower()
-    return f'{default:g}' if isinstance(default, float) else str(default)
-
-
-if __name__ == '__main__':
-    print(markdown())
