@@ -32,6 +32,8 @@ from visualization_msgs.msg import MarkerArray
 from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
+from softbody_ros.viewer.keyboard import Keyboard
+from softbody_ros.viewer.page import Page
 from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, UNITS, Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
@@ -66,8 +68,10 @@ class Viewer(Node):
         super().__init__('softbody_viewer', **node_arguments)
         self._server, self._target = server, target
         self._view = View3D(server, shadows)
+        self._page = Page(server)
         self._panel = Panel(server.gui, self._later, self._act, self._change)
         self._remote = Remote(self, target, self)
+        self._keyboard = Keyboard(server.gui, self._later, self._act, self._page.toggle)
         self._names: list[str] = []
         self._asked = -PATIENCE
         self._is_described = self._is_outdated = False
@@ -256,6 +260,7 @@ class Viewer(Node):
             text = f'**{self._target}**: {state}  \n{facts}'
         self._panel.status(f'{text}\n\n{self._problem}' if self._problem else text)
         self._panel.settle()
+        self._page.paint(self._view.grids)
 
     def _others(self) -> str:
         """Return advice for when the node is not found."""
@@ -278,7 +283,8 @@ class Viewer(Node):
         elif (not self._is_described or self._is_outdated) and now - self._asked >= PATIENCE:
             self._asked, self._is_outdated = now, False
             self._later(self._remote.describe)
-        self._panel.steerable(self._is_described)
+        for part in (self._panel, self._keyboard):
+            part.steerable(self._is_described)
 
     def described(self, descriptors: list[ParameterDescriptor], values: dict[str, Any]) -> None:
         """Build the panel from the parameters of the node."""
