@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the page does beyond parameters: scenes, meshes, keys, its look."""
+"""What the page does beyond parameters: scenes, meshes, films, keys, its look."""
 
 import base64
+import io
+import pathlib
+import re
 import signal
 
 import browser as browser_of_tests
+import numpy as np
 from playwright.sync_api import expect
 import pytest
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -37,7 +41,8 @@ def show(browser, compiled_ahead):
         result = Show(browser, graph)
         result.says(f'{SIM}: running')
         expect(button(result, 'Reset')).to_be_enabled(timeout=20_000)
-        result.page.get_by_text('scene', exact=True).click()
+        for folder in ('scene', 'film'):
+            result.page.get_by_text(folder, exact=True).click()
         yield result
         result.page.close()
         result.viewer.send_signal(signal.SIGINT)
@@ -201,6 +206,33 @@ def test_a_saved_scene_starts_a_node_with_the_same_parameters(show, tmp_path):
     assert dict(zip(names, again, strict=True)) == dict(
         zip(names, show.graph.get_parameters(SIM, names), strict=True)
     )
+
+
+def test_a_film_is_recorded_and_downloaded(show):
+    browser_of_tests.choose(show.page, 'format', '.npz')
+    show.number('seconds').fill('60')
+    show.number('seconds').press('Enter')
+    button(show, 'Record').click()
+    button(show, 'Cancel').click()
+    expect(button(show, 'Record')).to_be_visible(timeout=30_000)
+    show.number('seconds').fill('0.5')
+    show.number('seconds').press('Enter')
+    button(show, 'Record').click()
+    ready = show.page.get_by_role('button', name=re.compile(r'Download film.npz'))
+    expect(ready).to_be_visible(timeout=60_000)
+    with show.page.expect_download() as download:
+        ready.click()
+    film = np.load(io.BytesIO(pathlib.Path(download.value.path()).read_bytes()))
+    assert film['bodies'].tolist() == ['ball', 'my_ball', 'my_ball_2']
+    assert film['times'][-1] == 0.5
+    assert len(film['times']) == 16
+
+
+def test_a_film_that_fails_says_why(show):
+    pathlib.Path(show.parameter('my_ball.mesh')).unlink()
+    button(show, 'Record').click()
+    is_told(show, 'no film', 'my_ball.mesh', 'does not exist')
+    expect(button(show, 'Record')).to_be_visible()
 
 
 # -------------------------------------------------------------------------------- without a page

@@ -35,6 +35,7 @@ from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surf
 from softbody_ros.viewer.keyboard import Keyboard
 from softbody_ros.viewer.page import Page
 from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, UNITS, Panel
+from softbody_ros.viewer.recording import FilmMenu
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.scene_menu import SceneMenu
 from softbody_ros.viewer.server import PageServer, free_port, page_address
@@ -76,6 +77,9 @@ class Viewer(Node):
             server.gui, self._later, self._remote, self._notify, lambda: self._frame,
             self._expect_scene, self._reset,
         )  # fmt: skip
+        self._film = FilmMenu(
+            server.gui, self._later, self._notify, self._scenes.text, self._count_vertices
+        )
         self._keyboard = Keyboard(server.gui, self._later, self._act, self._page.toggle)
         self._is_other_scene = False
         self._names: list[str] = []
@@ -291,7 +295,7 @@ class Viewer(Node):
         elif (not self._is_described or self._is_outdated) and now - self._asked >= PATIENCE:
             self._asked, self._is_outdated = now, False
             self._later(self._remote.describe)
-        for part in (self._panel, self._scenes, self._keyboard):
+        for part in (self._panel, self._scenes, self._film, self._keyboard):
             part.steerable(self._is_described)
 
     def described(self, descriptors: list[ParameterDescriptor], values: dict[str, Any]) -> None:
@@ -356,8 +360,12 @@ class Viewer(Node):
     async def _reset(self) -> None:
         await self._triggers['reset'].call_async(Trigger.Request())
 
+    def _count_vertices(self) -> int:
+        return 0 if self._picture is None else len(self._picture.surface.vertices)
+
     def close(self) -> None:
-        """Remove the files of the page."""
+        """End what the page has started, and remove its files."""
+        self._film.close()
         self._scenes.close()
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
