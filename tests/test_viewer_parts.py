@@ -303,6 +303,19 @@ def test_a_scene_file_says_the_values_as_rcl_reads_them():
     }
 
 
+def test_what_becomes_something_else_is_removed_first():
+    present = {name: value for name, (_, value) in described().items()}
+    given = {'bodies': ['ball'], 'obstacles': ['ground'], 'ball.stiffness': 0.25}
+    request = scene_requests.scene_request(given, present)
+    assert not request.from_nothing
+    assert request.values['ball.stiffness'] == 0.25
+    swapped = {'bodies': ['ground'], 'obstacles': ['ball'], 'ball.type': 'sphere'}
+    assert scene_requests.scene_request(swapped, present).from_nothing
+    finer = scene_requests.scene_request({'ball.subdivisions': 4}, {'ball.subdivisions': 3})
+    assert finer.from_nothing
+    assert finer.values['ball.subdivisions'] == 4
+
+
 def test_a_new_body_fits_those_that_are_there():
     small, large = BALL.vertices, 3.0 * BALL.vertices + [10.0, 0.0, 2.0]
     body = np.repeat([0, 4], len(BALL.vertices))

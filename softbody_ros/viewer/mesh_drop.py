@@ -9,6 +9,11 @@ import pathlib
 import re
 import tempfile
 
+from softbody_ros.scene.resources import Problem, ResourceError
+
+MOST_BYTES = 1_000_000_000
+"""Of all files together."""
+
 
 class DroppedMeshes:
     """
@@ -20,10 +25,25 @@ class DroppedMeshes:
     def __init__(self) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix='softbody_viewer_')
         self.folder = pathlib.Path(self._directory.name)
-        self._count = 0
+        self._count = self._bytes = 0
 
     def keep(self, name: str, content: bytes) -> pathlib.Path:
-        """Write a file, under its own name as far as that is one; return its path."""
+        """
+        Write a file, under its own name as far as that is one; return its path.
+
+        Raises
+        ------
+        ResourceError
+            if there are too many.
+
+        """
+        self._bytes += len(content)
+        if self._bytes > MOST_BYTES:
+            raise ResourceError(
+                Problem.CONTENT,
+                f'the files that were dropped have more than {MOST_BYTES / 1e9:g} GB: start the '
+                'viewer anew, or set mesh to the path of a file',
+            )
         self._count += 1
         stem, ending = os.path.splitext(os.path.basename(name.replace('\\', '/')))
         folder = self.folder / str(self._count)

@@ -188,6 +188,7 @@ class SceneMenu:
         size, above = fitted(positions, np.zeros(0) if frame is None else frame.body)
         present = await self._remote.read()
         color = PALETTE[len(present.get('bodies', ())) % len(PALETTE)]
+        path = file_name
         try:
             path = str(self._meshes.keep(file_name, content))
             name, values = mesh_request(path, self._size.value or size, color, above, present)

@@ -43,8 +43,8 @@ class SceneRequest:
     values : dict
         of all parameters that can be set
     from_nothing : bool
-        whether bodies and obstacles have to be removed first: one of the same name has other
-        read-only values
+        whether bodies and obstacles have to be removed first: one of the same name is something
+        else, or has other read-only values
     notes : tuple of str
         one sentence for each thing that the node does not take from the scene
 
@@ -85,6 +85,9 @@ def scene_request(given: Mapping[str, Any], present: Mapping[str, Any]) -> Scene
     fixed = {name for name, facts in table.items() if facts.read_only and name in present}
     changed = {name for name in fixed if present[name] != wanted[name]}
     from_nothing = any(_owner(name) in owners for name in changed)
+    # a body is no obstacle of the same name
+    from_nothing |= not {*lists.bodies}.isdisjoint(present.get('obstacles', ()))
+    from_nothing |= not {*lists.obstacles}.isdisjoint(present.get('bodies', ()))
     if from_nothing:
         fixed = {name for name in fixed if _owner(name) not in owners}
     notes = [
