@@ -101,6 +101,6 @@ class Page:
     def _paint(self, client: viser.ClientHandle) -> None:
         for grid in self._grids:
             light = {name: getattr(grid, name) for name in DARK_GRID}
-            colors = DARK_GRID if self._dark[client.client_id] else light
+            colors = DARK_GRID if self._dark.get(client.client_id) else light
             # a property of the handle would be set on all pages
             client._websock_connection.queue_message(SceneNodeUpdateMessage(grid.name, colors))

@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import termios
 import threading
 from typing import Any
 
@@ -54,8 +55,9 @@ class Baking:
         ended: Callable[[int, str], None],
     ) -> None:
         self._progress, self._ended = progress, ended
-        # on a terminal bake says how far it is
+        # on a terminal, which has room for it, bake says how far it is
         leader, follower = os.openpty()
+        termios.tcsetwinsize(leader, (24, 100))
         with os.fdopen(follower) as terminal:
             self._process = subprocess.Popen(
                 [sys.executable, '-m', 'softbody_ros.bake', *arguments],
