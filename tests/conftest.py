@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import os
+from typing import Any
 
 import pytest
 from ros_graph import Graph
@@ -23,3 +25,13 @@ def graph(compiled_ahead: None) -> Iterator[Graph]:
     result = Graph()
     yield result
     result.close()
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Any]:
+    import browser as browser_of_tests
+
+    if browser_of_tests.path() is None and 'CI' not in os.environ:
+        pytest.skip('needs Chromium: apt-get install chromium')
+    with browser_of_tests.chromium() as result:
+        yield result

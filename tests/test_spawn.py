@@ -524,6 +524,23 @@ def test_scrubbing_back_before_a_removal_brings_it_back_with_its_parameters(grap
     assert tape.go(0.6) == log[0.6]
 
 
+@pytest.mark.parametrize('memory', [128.0, 0.0])
+def test_a_mesh_file_is_not_needed_to_go_back_in_time(graph, tmp_path, memory):
+    sim = graph.sim_node(**SMALL, use_sim_time=True, history__memory=memory)
+    tape = Tape(graph, sim)
+    tape.go(0.1)
+    file = tmp_path / 'duck.obj'
+    file.write_bytes((ROOT / 'config' / 'duck.obj').read_bytes())
+    values = {'bodies': ['ball', 'duck'], 'duck.mesh': str(file), 'duck.position': [3.0, 0.0, 1.0]}
+    assert set_atomically(graph, values).successful
+    log = tape.go(0.2)
+    file.unlink()
+    assert graph.set_parameter(SIM, 'bodies', ['ball']).successful
+    assert tape.go(0.3)[1].keys() == {'ball'}
+    assert tape.go(0.2) == log
+    assert log[1].keys() == {'ball', 'duck'}
+
+
 def test_what_has_been_another_thing_is_that_again(graph):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
     tape = Tape(graph, sim)

@@ -3,8 +3,6 @@
 """The viewer as people use it: a real browser, a real node, each a process of its own."""
 
 import contextlib
-import io
-import os
 import re
 import signal
 import socket
@@ -16,7 +14,6 @@ import urllib.request
 import browser as browser_of_tests
 from geometry_msgs.msg import PointStamped
 import numpy as np
-from PIL import Image
 from playwright.sync_api import expect
 import pytest
 from rcl_interfaces.srv import GetParameters
@@ -24,6 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_graph import Graph
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
+from shown_page import BALL, SIM, Show, button
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 from websockets.exceptions import ConnectionClosed
@@ -31,70 +29,7 @@ from websockets.sync.client import connect
 
 from softbody_ros.ros.messages import POINT_TYPE
 
-SIM = '/softbody_sim'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-VIEW = {'x': 0, 'y': 0, 'width': 400, 'height': 400}
-"""The part of the page beside the panel."""
-BALL = 1500
-"""Orange pixels that are no detail of the page."""
-
-
-@pytest.fixture(scope='module')
-def browser():
-    if browser_of_tests.path() is None and 'CI' not in os.environ:
-        pytest.skip('needs Chromium: apt-get install chromium')
-    with browser_of_tests.chromium() as result:
-        yield result
-
-
-class Show:
-    """A node, a viewer and a page that shows it."""
-
-    def __init__(self, browser, graph, node=SIM):
-        self.graph = graph
-        self.port = browser_of_tests.free_port()
-        self.viewer = graph.process(
-            '--port',
-            str(self.port),
-            '--node',
-            node,
-            '--rate',
-            '15',
-            '--no-shadows',
-            module='softbody_ros.viewer',
-        )
-        # the port is open before the first line is printed
-        self.greeting = self.viewer.stderr.readline()
-        self.page = browser.new_page(viewport={'width': 720, 'height': 400})
-        self.page.goto(f'http://127.0.0.1:{self.port}')
-
-    def picture(self):
-        """Return the view, (400, 400, 3), 0 … 255."""
-        image = Image.open(io.BytesIO(self.page.screenshot(clip=VIEW)))
-        return np.asarray(image.convert('RGB')).astype(int)
-
-    def orange(self):
-        """Return which pixels are of the ball's colour."""
-        red, green, blue = np.moveaxis(self.picture(), -1, 0)
-        return (red > green + 40) & (green > blue + 20)
-
-    def height(self):
-        """Return how far up in the view the ball's middle is, pixels; None if it is not there."""
-        rows, _ = np.nonzero(self.orange())
-        return 400.0 - rows.mean() if len(rows) > BALL else None
-
-    def row(self, label):
-        """Return the row of the panel with a label."""
-        return browser_of_tests.row(self.page, label)
-
-    def number(self, label, index=0):
-        return self.row(label).locator('input[inputmode=decimal]').nth(index)
-
-    def parameter(self, name):
-        return self.graph.get_parameters(SIM, [name])[0]
-
-    def says(self, text):
-        expect(self.page.locator('body')).to_contain_text(text, timeout=20_000)
 
 
 @pytest.fixture(scope='module')
@@ -119,10 +54,6 @@ def show(browser):
 
 def heights(cloud):
     return np.frombuffer(cloud.data, POINT_TYPE)['z']
-
-
-def button(show, name):
-    return show.page.get_by_role('button', name=name, exact=True)
 
 
 # --------------------------------------------------------------------------------------- the view

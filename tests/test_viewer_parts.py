@@ -15,7 +15,8 @@ import trimesh
 from softbody_ros.core import make_surface
 from softbody_ros.ros import messages
 from softbody_ros.scene import parameters
-from softbody_ros.viewer import decoding, glb, server, widgets
+from softbody_ros.scene.scene_file import scene_of
+from softbody_ros.viewer import decoding, glb, scene_requests, server, widgets
 
 BALL = make_surface('icosphere', 0.5, 3)
 
@@ -287,6 +288,41 @@ def test_sections_are_grouped_as_in_the_original_and_hold_every_parameter_once()
     assert widgets.label(described()['poke.radius'][0], rest) == 'poke radius [m]'
     everything = [gravity, rest, main, velocity, more, *obstacles['ground']]
     assert sorted(sum((section.names for section in everything), ())) == sorted(names)
+
+
+# ----------------------------------------------------------------------------------------- scenes
+def test_a_scene_file_says_the_values_as_rcl_reads_them():
+    values = {name: value for name, (_, value) in described().items()}
+    # texts that rcl, or YAML, would take for something else
+    values |= {'a.b': '1e-3', 'a.c': ['on', '', '~', '0x1'], 'a.d': "it's: # a\ntext"}
+    values |= {'a.e.f': 1e-5, 'a.e.g': -1e22, 'a.e.h': [0.1 + 0.2, 5e-324], 'a.i': True, 'a.j': 7}
+    read = scene_of(scene_requests.scene_yaml(values, ['a comment']), 'a text')
+    assert read == values
+    assert {name: type(value) for name, value in read.items()} == {
+        name: type(value) for name, value in values.items()
+    }
+
+
+def test_what_becomes_something_else_is_removed_first():
+    present = {name: value for name, (_, value) in described().items()}
+    given = {'bodies': ['ball'], 'obstacles': ['ground'], 'ball.stiffness': 0.25}
+    request = scene_requests.scene_request(given, present)
+    assert not request.from_nothing
+    assert request.values['ball.stiffness'] == 0.25
+    swapped = {'bodies': ['ground'], 'obstacles': ['ball'], 'ball.type': 'sphere'}
+    assert scene_requests.scene_request(swapped, present).from_nothing
+    finer = scene_requests.scene_request({'ball.subdivisions': 4}, {'ball.subdivisions': 3})
+    assert finer.from_nothing
+    assert finer.values['ball.subdivisions'] == 4
+
+
+def test_a_new_body_fits_those_that_are_there():
+    small, large = BALL.vertices, 3.0 * BALL.vertices + [10.0, 0.0, 2.0]
+    body = np.repeat([0, 4], len(BALL.vertices))
+    size, above = scene_requests.fitted(np.concatenate([small, large]), body)
+    assert size == 1.0  # of 0.5 m and 1.5 m
+    np.testing.assert_allclose(above, [5.5, 0.0, 3.5], atol=0.02)
+    assert scene_requests.fitted(np.zeros((0, 3)), np.zeros(0))[0] == scene_requests.USUAL_SIZE
 
 
 # ----------------------------------------------------------------------------------------- server

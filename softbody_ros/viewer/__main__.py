@@ -24,7 +24,8 @@ examples:
                                       is shown like a node, without anything to steer; with
                                       visual_mesh as well where bodies carry fine surfaces
 
-Drag turns the view, a click on a body pokes it. What follows --ros-args goes to ROS.
+Drag turns the view, a click on a body pokes it, a mesh file that is dropped becomes a body; the
+folder help of the page lists the keys. What follows --ros-args goes to ROS.
 """
 
 

@@ -32,8 +32,12 @@ from visualization_msgs.msg import MarkerArray
 from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
+from softbody_ros.viewer.keyboard import Keyboard
+from softbody_ros.viewer.page import Page
 from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, UNITS, Panel
+from softbody_ros.viewer.recording import FilmMenu
 from softbody_ros.viewer.remote import PATIENCE, Remote
+from softbody_ros.viewer.scene_menu import SceneMenu
 from softbody_ros.viewer.server import PageServer, free_port, page_address
 from softbody_ros.viewer.view3d import View3D
 from softbody_ros.viewer.widgets import Field
@@ -66,8 +70,18 @@ class Viewer(Node):
         super().__init__('softbody_viewer', **node_arguments)
         self._server, self._target = server, target
         self._view = View3D(server, shadows)
+        self._page = Page(server)
         self._panel = Panel(server.gui, self._later, self._act, self._change)
         self._remote = Remote(self, target, self)
+        self._scenes = SceneMenu(
+            server.gui, self._later, self._remote, self._notify, lambda: self._frame,
+            self._expect_scene, self._reset,
+        )  # fmt: skip
+        self._film = FilmMenu(
+            server.gui, self._later, self._notify, self._scenes.text, self._count_vertices
+        )
+        self._keyboard = Keyboard(server.gui, self._later, self._act, self._page.toggle)
+        self._is_other_scene = False
         self._names: list[str] = []
         self._asked = -PATIENCE
         self._is_described = self._is_outdated = False
@@ -130,8 +144,10 @@ class Viewer(Node):
             return
         # a later one of the same node has other bodies, beside those that are looked at
         is_first = self._surface is None or info['publication_sequence_number'] in (None, 1)
+        is_first |= self._is_other_scene
         if is_first and len(surface.vertices) and not surface.is_where(self._surface):
             self._view.look_at(surface)
+        self._is_other_scene &= not len(surface.vertices)  # without bodies it is not there yet
         # after an earlier one: a new node of this name may have other parameters
         self._is_outdated = self._surface is not None
         self._surface, self._picture = surface, None
@@ -256,6 +272,7 @@ class Viewer(Node):
             text = f'**{self._target}**: {state}  \n{facts}'
         self._panel.status(f'{text}\n\n{self._problem}' if self._problem else text)
         self._panel.settle()
+        self._page.paint(self._view.grids)
 
     def _others(self) -> str:
         """Return advice for when the node is not found."""
@@ -278,7 +295,8 @@ class Viewer(Node):
         elif (not self._is_described or self._is_outdated) and now - self._asked >= PATIENCE:
             self._asked, self._is_outdated = now, False
             self._later(self._remote.describe)
-        self._panel.steerable(self._is_described)
+        for part in (self._panel, self._scenes, self._film, self._keyboard):
+            part.steerable(self._is_described)
 
     def described(self, descriptors: list[ParameterDescriptor], values: dict[str, Any]) -> None:
         """Build the panel from the parameters of the node."""
@@ -335,6 +353,21 @@ class Viewer(Node):
             self._last_answer = time.monotonic()
             self._panel.paused(answer.message.startswith('paused'))
 
+    def _expect_scene(self, is_coming: bool) -> None:
+        """Look at the bodies that come, or no longer."""
+        self._is_other_scene = is_coming
+
+    async def _reset(self) -> None:
+        await self._triggers['reset'].call_async(Trigger.Request())
+
+    def _count_vertices(self) -> int:
+        return 0 if self._picture is None else len(self._picture.surface.vertices)
+
+    def close(self) -> None:
+        """End what the page has started, and remove its files."""
+        self._film.close()
+        self._scenes.close()
+
     def _clicked(self, event: viser.SceneClickEvent) -> None:
         origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
         self._later(lambda: self._poke_along(origin, direction))
@@ -377,6 +410,7 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
             file=sys.stderr,
         )
         return 1
+    node = None
     try:
         rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = Viewer(server, options.node, options.rate, options.shadows)
@@ -387,6 +421,8 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
         print('viewer:', ' '.join(str(error).split()), file=sys.stderr)
         return 1
     finally:
+        if node is not None:
+            node.close()
         rclpy.try_shutdown()
         server.stop()
     return 0

@@ -60,10 +60,6 @@ class Panel:
         self._folders: list[Any] = []
         self._chosen: dict[str, str] = {}
         gui.set_panel_label('softbody_ros')
-        gui.configure_theme(
-            control_layout='collapsible', show_logo=False, show_share_button=False,
-            brand_color=(217, 108, 46),
-        )  # fmt: skip
         self._status = gui.add_markdown('')
         self.is_paused = False
         self._buttons = {

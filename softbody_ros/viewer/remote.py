@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 import time
 from typing import Any, Protocol
@@ -76,6 +77,19 @@ class Remote:
         }
         self._types = {item.name: item.type for item in descriptors}
         self._listener.described(descriptors, dict(self._values))
+
+    async def read(self) -> dict[str, Any]:
+        """Return all values as they are now, also of parameters that are not described yet."""
+        names = list((await self._client.list_parameters()).result.names)
+        values = (await self._client.get_parameters(names)).values
+        pairs = zip(names, map(parameter_value_to_python, values), strict=False)
+        return {name: value for name, value in pairs if value is not None}
+
+    async def set_together(self, values: Mapping[str, Any]) -> str:
+        """Set parameters in one request; return '', or why the node has refused all of it."""
+        wanted = [Parameter(name, value=value) for name, value in values.items()]
+        result = (await self._client.set_parameters_atomically(wanted)).result
+        return '' if result.successful else result.reason
 
     def set(self, name: str, kind: int, value: Any) -> None:
         """Request a parameter to be set to a value of a `ParameterType`."""

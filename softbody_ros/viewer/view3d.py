@@ -143,6 +143,12 @@ class View3D:
                 self._obstacles[key] = _appearance(marker), node
         self._grid.visible = not any(marker.text == 'plane' for marker in shown.values())
 
+    @property
+    def grids(self) -> list[viser.GridHandle]:
+        """The ground and the planes among the obstacles."""
+        planes = [node for _, node in self._obstacles.values()]
+        return [self._grid, *(node for node in planes if isinstance(node, viser.GridHandle))]
+
     def _add_obstacle(self, name: str, marker: Marker) -> Any:
         pose = dict(zip(('position', 'wxyz'), _pose(marker), strict=True))
         if marker.text == 'plane':
