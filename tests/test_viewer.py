@@ -140,7 +140,8 @@ def test_the_page_shows_a_body_that_falls_and_the_reset_button_puts_it_back(show
 
 
 @pytest.mark.parametrize(
-    ('quantity', 'unit'), [('displacement', '[cm]?m'), ('pressure', '[kM]?Pa')]
+    ('quantity', 'unit'),
+    [('displacement', '[cm]?m'), ('pressure', '[kM]?Pa'), ('permanent strain', '%')],
 )
 def test_colours_by_a_quantity_with_a_legend(show, quantity, unit):
     show.graph.spin_until(lambda: show.height())

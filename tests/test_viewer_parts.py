@@ -32,17 +32,20 @@ def surface(vertices=BALL.vertices, faces=BALL.faces):
 # ----------------------------------------------------------------------------------------- frames
 def test_a_frame_is_what_was_packed():
     random = np.random.default_rng(0)
-    bodies = [(random.normal(size=(n, 3)), *random.uniform(size=(2, n))) for n in (5, 7)]
+    bodies = [(random.normal(size=(n, 3)), *random.uniform(size=(3, n))) for n in (5, 7)]
     frame = decoding.frame(cloud(*bodies, frame_id='map'))
     assert frame.frame_id == 'map'
     np.testing.assert_array_equal(
-        frame.positions, np.concatenate([x for x, _, _ in bodies]).astype(np.float32)
+        frame.positions, np.concatenate([x for x, *_ in bodies]).astype(np.float32)
     )
     np.testing.assert_array_equal(
-        frame.displacement, np.concatenate([d for _, d, _ in bodies]).astype(np.float32)
+        frame.displacement, np.concatenate([d for _, d, *_ in bodies]).astype(np.float32)
     )
     np.testing.assert_array_equal(
-        frame.pressure, np.concatenate([p for _, _, p in bodies]).astype(np.float32)
+        frame.pressure, np.concatenate([p for _, _, p, _ in bodies]).astype(np.float32)
+    )
+    np.testing.assert_array_equal(
+        frame.permanent_strain, np.concatenate([s for *_, s in bodies]).astype(np.float32)
     )
     assert frame.body.tolist() == [0] * 5 + [1] * 7
 
@@ -63,11 +66,12 @@ def test_a_frame_has_any_layout():
     frame = decoding.frame(message)
     assert frame.body.tolist() == [0, 1, 2, 3, 4, 5]
     assert frame.positions[1].tolist() == [11.0, 10.0, 9.0]
-    assert frame.pressure.tolist() == [0.0] * 6  # one of release 0.1.0
+    # one of release 0.1.0
+    assert frame.pressure.tolist() == frame.permanent_strain.tolist() == [0.0] * 6
 
 
 def test_numbers_of_bodies_have_gaps_where_some_were_removed():
-    one = np.zeros((1, 3)), np.zeros(1), np.zeros(1)
+    one = np.zeros((1, 3)), *np.zeros((3, 1))
     records = messages.points_array([one, one], [3, 4_000_000_000])
     message = deserialize_message(messages.serialized_cloud(1, 'world', records), PointCloud2)
     assert decoding.frame(message).body.tolist() == [3, 4_000_000_000]
@@ -77,14 +81,14 @@ def test_numbers_of_bodies_have_gaps_where_some_were_removed():
 
 
 def test_clouds_of_others_are_refused():
-    bodies = (np.zeros((2, 3)), np.zeros(2), np.zeros(2))
+    bodies = (np.zeros((2, 3)), *np.zeros((3, 2)))
     message = cloud(bodies)
     message.fields = message.fields[:3]
     with pytest.raises(decoding.FrameError, match='it lacks displacement, body'):
         decoding.frame(message)
     message = cloud(bodies)
     message.width = 3
-    with pytest.raises(decoding.FrameError, match='cut off: 48 bytes for 3 points'):
+    with pytest.raises(decoding.FrameError, match='cut off: 56 bytes for 3 points'):
         decoding.frame(message)
     for step in (0, 20, 2**31):
         message.point_step = step

@@ -32,7 +32,7 @@ from visualization_msgs.msg import MarkerArray
 from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
-from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, UNITS, Panel
+from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, BY_STRAIN, UNITS, Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
 from softbody_ros.viewer.view3d import View3D
@@ -185,7 +185,11 @@ class Viewer(Node):
             self._view.set_bodies(picture.surface, picture.body, colors)
         frame = picture.of(frame)
         coloring = self._panel.coloring
-        values = {BY_DISPLACEMENT: frame.displacement, BY_PRESSURE: frame.pressure}.get(coloring)
+        values = {
+            BY_DISPLACEMENT: frame.displacement,
+            BY_PRESSURE: frame.pressure,
+            BY_STRAIN: frame.permanent_strain,
+        }.get(coloring)
         if values is None:
             self._panel.legend(None)
             self._view.show(frame, None, 0.0)

@@ -34,6 +34,9 @@ PALETTE = (
 """Colours of bodies without a colour parameter."""
 
 
+LATER_FIELDS = {'pressure', 'permanent_strain'}
+"""Fields of the clouds that those of the first releases lack."""
+
 Color = tuple[int, int, int, int]
 
 
@@ -43,12 +46,13 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True)
 class Frame:
-    """All particles at one time: positions (n, 3), displacement, pressure and body (n,)."""
+    """All particles at one time: positions (n, 3), and what each has besides, (n,)."""
 
     frame_id: str
     positions: np.ndarray
     displacement: np.ndarray
     pressure: np.ndarray
+    permanent_strain: np.ndarray
     body: np.ndarray
 
 
@@ -56,7 +60,7 @@ def frame(cloud: Any) -> Frame:
     """
     Decode a sensor_msgs/PointCloud2 of `~/points`.
 
-    Recordings of release 0.1.0 have no pressure: there it is 0.
+    Recordings of earlier releases have no pressure or permanent strain: there it is 0.
 
     Raises
     ------
@@ -70,8 +74,8 @@ def frame(cloud: Any) -> Frame:
         for item in cloud.fields
         if item.datatype == kinds.get(item.name, PointField.FLOAT32)
     }
-    if 'pressure' not in offsets:
-        del kinds['pressure']
+    for name in LATER_FIELDS - offsets.keys():
+        del kinds[name]
     missing = [name for name in kinds if name not in offsets]
     if missing:
         raise FrameError(f'the cloud is not one of ~/points: it lacks {", ".join(missing)}')
@@ -92,9 +96,17 @@ def frame(cloud: Any) -> Frame:
         raise FrameError(f'the cloud is cut off: {len(cloud.data)} bytes for {count} points')
     records = np.frombuffer(cloud.data, layout, count)
     positions = np.stack([records['x'], records['y'], records['z']], axis=-1)
-    pressure = records['pressure'] if 'pressure' in kinds else np.zeros(count, np.float32)
+    pressure, strain = (
+        records[name] if name in kinds else np.zeros(count, np.float32)
+        for name in ('pressure', 'permanent_strain')
+    )
     return Frame(
-        cloud.header.frame_id, positions, records['displacement'], pressure, records['body']
+        cloud.header.frame_id,
+        positions,
+        records['displacement'],
+        pressure,
+        strain,
+        records['body'],
     )
 
 
@@ -273,18 +285,21 @@ class Picture:
         if not self._carried:
             return frame
         places = [frame.positions[self._plain]]
-        displacements, pressures = [frame.displacement[self._plain]], [frame.pressure[self._plain]]
         for particles, embedding in self._carried:
             places.append(embedding.positions(frame.positions[particles]).astype(np.float32))
-            displacements.append(embedding.values(frame.displacement[particles]))
-            pressures.append(embedding.values(frame.pressure[particles]))
         return Frame(
             frame.frame_id,
             np.concatenate(places),
-            np.concatenate(displacements),
-            np.concatenate(pressures),
+            self._carry(frame.displacement),
+            self._carry(frame.pressure),
+            self._carry(frame.permanent_strain),
             self.body,
         )
+
+    def _carry(self, values: np.ndarray) -> np.ndarray:
+        """Return values (k,) at the vertices of what is drawn, of those at the particles (n,)."""
+        carried = [embedding.values(values[particles]) for particles, embedding in self._carried]
+        return np.concatenate([values[self._plain], *carried])
 
 
 def _restricted(surface: Surface, vertices: np.ndarray) -> Surface:
