@@ -159,22 +159,39 @@ def test_parts_are_the_colours_however_many_bodies():
 
 def test_normals_of_a_ball_point_outwards():
     ball = surface()
-    np.testing.assert_allclose(ball.normals(ball.vertices), 2.0 * ball.vertices, atol=0.02)
+    assert len(ball.shading.origin) == len(ball.vertices)
+    np.testing.assert_allclose(ball.shading.normals(ball.vertices), 2 * ball.vertices, atol=0.02)
+
+
+@pytest.mark.parametrize('subdivisions', [0, 3])
+def test_edges_of_a_cube_stay_sharp_however_it_is_dented(subdivisions):
+    made = make_surface('box', 0.5, subdivisions)
+    cube = surface(made.vertices, made.faces)
+    (part,) = decoding.parts(cube, np.zeros(len(cube.vertices), np.uint32), {0: (9, 9, 9, 255)})
+    # each of its sides has its own vertices, as the page is smooth across shared ones
+    corners = cube.vertices[part.particles][part.faces]
+    np.testing.assert_array_equal(corners, cube.vertices[cube.faces])
+    per_side = (2**subdivisions + 1) ** 2
+    assert len(part.particles) == 6 * per_side
+    np.testing.assert_allclose(np.abs(cube.shading.normals(cube.vertices)).max(axis=1), 1.0)
+    # by their angles at rest, not of now
+    flat = cube.vertices * [1.0, 1.0, 1e-3]
+    assert len(cube.shading.normals(flat)) == 6 * per_side
 
 
 def test_the_coloured_file_is_replaced_in_place():
     ball = surface()
-    file = glb.ColoredFile(ball)
+    file = glb.ColoredFile(ball.vertices, ball.faces)
     random = np.random.default_rng(0)
     for _ in range(2):
         moved = random.normal(size=ball.vertices.shape).astype(np.float32)
         colors = random.integers(0, 256, (len(moved), 4), np.uint8)
-        data = file.filled(moved, ball.normals(moved), colors)
+        data = file.filled(moved, ball.shading.normals(moved), colors)
         (read,) = trimesh.load(io.BytesIO(data), file_type='glb', process=False).geometry.values()
         np.testing.assert_array_equal(read.vertices, moved)
         np.testing.assert_array_equal(read.faces, ball.faces)
         np.testing.assert_array_equal(read.visual.vertex_colors, colors)
-        np.testing.assert_allclose(read.vertex_normals, ball.normals(moved), atol=1e-6)
+        np.testing.assert_allclose(read.vertex_normals, ball.shading.normals(moved), atol=1e-6)
 
 
 def test_heat_runs_from_the_first_colour_to_the_last():

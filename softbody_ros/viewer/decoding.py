@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 import struct
 from typing import Any
 
@@ -15,7 +16,7 @@ from visualization_msgs.msg import Marker
 
 from softbody_ros.core import Embedding, compiled
 from softbody_ros.core.geometry import mesh
-from softbody_ros.core.geometry.mesh import vertex_normals
+from softbody_ros.core.geometry.shading import Shading, shading
 from softbody_ros.ros.cdr import CdrReader
 from softbody_ros.ros.messages import NUMBER_IN_POINTS, POINT_FIELDS, POINT_TYPE
 
@@ -126,11 +127,10 @@ class Surface:
     vertices: np.ndarray
     faces: np.ndarray
 
-    def normals(self, positions: np.ndarray) -> np.ndarray:
-        """Return the normals (n, 3) of the vertices at positions (n, 3), weighted by area."""
-        sums = vertex_normals(positions, self.faces)
-        lengths = np.sqrt(np.einsum('ij,ij->i', sums, sums))
-        return sums / np.maximum(lengths, 1e-30)[:, None]
+    @cached_property
+    def shading(self) -> Shading:
+        """How it is shaded: edges that turn by more than 50° at rest stay sharp."""
+        return shading(self.vertices, self.faces)
 
     def is_where(self, other: Surface | None) -> bool:
         """Whether another surface has nearly the same bounding box; false without one."""
@@ -313,7 +313,12 @@ def _restricted(surface: Surface, vertices: np.ndarray) -> Surface:
 
 @dataclass(frozen=True)
 class Part:
-    """The bodies of one colour: their particles (k,), and triangles (m, 3) among these."""
+    """
+    The bodies of one colour: their particles (k,), and triangles (m, 3) among these.
+
+    A particle on a crease is there several times: what is shown is smooth across edges that share
+    their vertices.
+    """
 
     color: Color
     particles: np.ndarray
@@ -337,11 +342,12 @@ def parts(surface: Surface, body: np.ndarray, colors: Mapping[int, Color]) -> li
     distinct = list(dict.fromkeys(colors[number] for number in numbers.tolist()))
     color_of = np.array([distinct.index(colors[number]) for number in numbers.tolist()], int)
     result = []
+    origin, corners = surface.shading.origin, surface.shading.faces
     for index, color in enumerate(distinct):
-        mine = color_of[index_of] == index
+        mine = color_of[index_of[origin]] == index
         renumbered = np.cumsum(mine) - 1
-        faces = renumbered[surface.faces[mine[surface.faces[:, 0]]]]
-        result.append(Part(color, np.flatnonzero(mine), faces.astype(np.uint32)))
+        faces = renumbered[corners[mine[corners[:, 0]]]]
+        result.append(Part(color, origin[mine], faces.astype(np.uint32)))
     return result
 
 

@@ -10,8 +10,6 @@ import struct
 import numpy as np
 import trimesh
 
-from softbody_ros.viewer.decoding import Surface
-
 
 class ColoredFile:
     """
@@ -19,14 +17,21 @@ class ColoredFile:
 
     trimesh writes it once, which takes ten times as long as replacing them. The bounds in the file
     remain those of the first vertices: viser computes them itself.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        the first ones, m
+    faces : (m, 3) int
+
     """
 
-    def __init__(self, surface: Surface) -> None:
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
         mesh = trimesh.Trimesh(
-            surface.vertices,
-            surface.faces,
-            vertex_normals=surface.normals(surface.vertices),
-            vertex_colors=np.full((len(surface.vertices), 4), 255, np.uint8),
+            vertices,
+            faces,
+            vertex_normals=np.ones_like(vertices),
+            vertex_colors=np.full((len(vertices), 4), 255, np.uint8),
             process=False,
         )
         data = mesh.export(file_type='glb')

@@ -51,10 +51,10 @@ class View3D:
         The page recompiles that shader whenever the last mesh that uses it is replaced, which
         takes longer than everything else: this one is never replaced.
         """
-        speck = Surface(1e-4 * np.eye(3), np.array([[0, 1, 2]]))
-        file = ColoredFile(speck)
+        corners = 1e-4 * np.eye(3)
+        file = ColoredFile(corners, np.array([[0, 1, 2]]))
         white = np.full((3, 4), 255, np.uint8)
-        self._scene.add_glb('/speck', file.filled(speck.vertices, np.eye(3), white))
+        self._scene.add_glb('/speck', file.filled(corners, np.eye(3), white))
 
     # ------------------------------------------------------------------------------------- bodies
     def look_at(self, surface: Surface) -> None:
@@ -116,9 +116,12 @@ class View3D:
 
     def _show_colored(self, positions: np.ndarray, colors: np.ndarray) -> None:
         assert self._surface is not None
+        shading = self._surface.shading
         if self._file is None:
-            self._file = ColoredFile(self._surface)
-        data = self._file.filled(positions, self._surface.normals(positions), colors)
+            self._file = ColoredFile(self._surface.vertices[shading.origin], shading.faces)
+        data = self._file.filled(
+            positions[shading.origin], shading.normals(positions), colors[shading.origin]
+        )
         if self._colored_mesh is None:
             self._clear_bodies()
             self._colored_mesh = self._scene.add_glb('/bodies/colored', data)
