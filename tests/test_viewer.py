@@ -172,6 +172,27 @@ def test_obstacles_are_shown(show):
     )
 
 
+def test_contact_forces_are_arrows_while_they_are_wanted(show):
+    def listeners():
+        return show.graph.node.count_subscribers(f'{SIM}/contacts/ball')
+
+    def crimson():
+        red, green, blue = np.moveaxis(show.picture(), -1, 0)
+        return ((red > green + 60) & (blue > green)).sum()
+
+    assert listeners() == 0
+    show.graph.spin_until(lambda: show.height())
+    assert not crimson()
+    box = show.row('contact forces').locator('input')
+    box.check()
+    # the ground holds it: an arrow into it, which is seen through it
+    show.graph.spin_until(lambda: crimson() > 100, 'an arrow')
+    assert listeners() == 1
+    box.uncheck()
+    show.graph.spin_until(lambda: not crimson() and show.height(), 'no arrow')
+    show.graph.spin_until(lambda: not listeners())
+
+
 # -------------------------------------------------------------------------------------- the panel
 def test_a_slider_sets_the_parameter_of_the_node(show):
     thumb = show.row('stiffness').get_by_role('slider')

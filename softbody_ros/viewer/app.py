@@ -29,9 +29,11 @@ from std_srvs.srv import SetBool, Trigger
 import viser
 from visualization_msgs.msg import MarkerArray
 
+from softbody_ros.core.config import NAME_PATTERN
 from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
+from softbody_ros.viewer.force_arrows import ForceArrows
 from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, BY_STRAIN, UNITS, Panel
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
@@ -67,6 +69,7 @@ class Viewer(Node):
         self._server, self._target = server, target
         self._view = View3D(server, shadows)
         self._panel = Panel(server.gui, self._later, self._act, self._change)
+        self._arrows = ForceArrows(self, server.scene, target)
         self._remote = Remote(self, target, self)
         self._names: list[str] = []
         self._asked = -PATIENCE
@@ -146,6 +149,7 @@ class Viewer(Node):
 
     def _take_obstacles(self, message: MarkerArray) -> None:
         self._view.set_obstacles(message.markers)
+        self._arrows.set_obstacles(message.markers)
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -159,7 +163,12 @@ class Viewer(Node):
 
     # ------------------------------------------------------------------------------------ display
     def _show(self) -> None:
-        """Show the newest cloud if there is a new one."""
+        """Show the newest cloud if there is a new one, and the newest forces."""
+        self._show_cloud()
+        self._view.see_through(self._panel.shows_forces)
+        self._arrows.update(self._panel.shows_forces)
+
+    def _show_cloud(self) -> None:
         cloud, self._cloud = self._cloud, None
         if cloud is None or self._surface is None:
             return
@@ -183,6 +192,9 @@ class Viewer(Node):
         if self._drawn != repr(colors):
             self._drawn, self._drawn_numbers = repr(colors), numbers
             self._view.set_bodies(picture.surface, picture.body, colors)
+        names = {self._name_of(number): number for number in numbers}
+        named = {name: number for name, number in names.items() if NAME_PATTERN.fullmatch(name)}
+        self._arrows.show(frame, named)
         frame = picture.of(frame)
         coloring = self._panel.coloring
         values = {
@@ -207,14 +219,18 @@ class Viewer(Node):
             self._problem = f'{self._target}/visual_mesh: {error}'
             picture = Picture(surface, body, {})
         self._picture, self._drawn, self._drawn_body = picture, '', body
+        self._arrows.set_surface(surface, body)
         return picture
 
     def _color_of(self, number: int) -> Color:
         """Return the colour of a body by its number in the clouds."""
-        name = self._numbers.get(number)
-        if name is None and number < len(self._names) and not self._numbers:
-            name = self._names[number]
-        return self._colors.get(name or '', _palette(number))
+        return self._colors.get(self._name_of(number), _palette(number))
+
+    def _name_of(self, number: int) -> str:
+        """Return the name of a body by its number in the clouds, '' if it is not known."""
+        if number < len(self._names) and not self._numbers:
+            return self._names[number]
+        return self._numbers.get(number, '')
 
     def _largest(self, values: np.ndarray, coloring: str) -> float:
         """Return the end of the legend: a round number above the recent values."""

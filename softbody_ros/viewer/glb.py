@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import struct
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -23,10 +24,12 @@ class ColoredFile:
     vertices : (n, 3) float
         the first ones, m
     faces : (m, 3) int
+    opacity : float
+        1 is opaque
 
     """
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, opacity: float = 1.0) -> None:
         mesh = trimesh.Trimesh(
             vertices,
             faces,
@@ -34,7 +37,14 @@ class ColoredFile:
             vertex_colors=np.full((len(vertices), 4), 255, np.uint8),
             process=False,
         )
-        data = mesh.export(file_type='glb')
+
+        def see_through(tree: dict[str, Any]) -> None:
+            if opacity < 1.0:
+                color = {'baseColorFactor': [1.0, 1.0, 1.0, opacity]}
+                tree['materials'] = [{'alphaMode': 'BLEND', 'pbrMetallicRoughness': color}]
+                tree['meshes'][0]['primitives'][0]['material'] = 0
+
+        data = mesh.export(file_type='glb', tree_postprocessor=see_through)
         assert isinstance(data, bytes)
         self._bytes = bytearray(data)
         # a header of 12 bytes, then chunks of length, type and data: JSON, binary

@@ -84,6 +84,11 @@ class Panel:
             'permanent strain: of the dents that stay (plasticity.creep)',
         )  # fmt: skip
         self._legend = gui.add_html('', visible=False)
+        self._forces = gui.add_checkbox(
+            'contact forces', False,
+            hint='arrows: red on bodies, where they are pressed; blue on obstacles, unless they '
+            'are the mirror image',
+        )  # fmt: skip
         self._poking = gui.add_html(POKING, visible=False)
         self.steerable(False)
 
@@ -97,6 +102,11 @@ class Panel:
     def coloring(self) -> str:
         """By what to colour: BY_BODY, BY_DISPLACEMENT, BY_PRESSURE or BY_STRAIN."""
         return self._coloring.value
+
+    @property
+    def shows_forces(self) -> bool:
+        """Whether forces of contacts are to be drawn."""
+        return self._forces.value
 
     def status(self, text: str) -> None:
         """Set the status text, in Markdown."""
