@@ -35,6 +35,7 @@ from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
 from softbody_ros.viewer.force_arrows import ForceArrows
 from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, BY_STRAIN, UNITS, Panel
+from softbody_ros.viewer.plots import Plots
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
 from softbody_ros.viewer.view3d import View3D
@@ -70,6 +71,7 @@ class Viewer(Node):
         self._view = View3D(server, shadows)
         self._panel = Panel(server.gui, self._later, self._act, self._change)
         self._arrows = ForceArrows(self, server.scene, target)
+        self._plots = Plots(self, server, target)
         self._remote = Remote(self, target, self)
         self._names: list[str] = []
         self._asked = -PATIENCE
@@ -167,6 +169,7 @@ class Viewer(Node):
         self._show_cloud()
         self._view.see_through(self._panel.shows_forces)
         self._arrows.update(self._panel.shows_forces)
+        self._plots.update()
 
     def _show_cloud(self) -> None:
         cloud, self._cloud = self._cloud, None
@@ -195,6 +198,7 @@ class Viewer(Node):
         names = {self._name_of(number): number for number in numbers}
         named = {name: number for name, number in names.items() if NAME_PATTERN.fullmatch(name)}
         self._arrows.show(frame, named)
+        self._plots.offer(named)
         frame = picture.of(frame)
         coloring = self._panel.coloring
         values = {
@@ -312,6 +316,7 @@ class Viewer(Node):
         obstacles = [name for name in values.get('obstacles', []) if name]
         self._panel.describe(shown, values, self._names, obstacles)
         self._colors = {name: _rgba(values.get(f'{name}.color')) for name in self._names}
+        self._plots.time_scale = values.get('time_scale', 1.0)
         self._draw()
 
     def changed(self, name: str, value: Any) -> None:
@@ -321,6 +326,8 @@ class Viewer(Node):
         if rest == 'color' and body in self._names:
             self._colors[body] = _rgba(value)
             self._draw()
+        if name == 'time_scale':
+            self._plots.time_scale = value
         # other parameters come and go with them
         self._is_outdated |= name in ('bodies', 'obstacles')
 
