@@ -34,7 +34,14 @@ from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
 from softbody_ros.viewer.force_arrows import ForceArrows
-from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, BY_STRAIN, UNITS, Panel
+from softbody_ros.viewer.panel import (
+    BY_BODY,
+    BY_DISPLACEMENT,
+    BY_PRESSURE,
+    BY_STRAIN,
+    UNITS,
+    Panel,
+)
 from softbody_ros.viewer.plots import Plots
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.server import PageServer, free_port, page_address
@@ -70,7 +77,7 @@ class Viewer(Node):
         self._server, self._target = server, target
         self._view = View3D(server, shadows)
         self._panel = Panel(server.gui, self._later, self._act, self._change)
-        self._arrows = ForceArrows(self, server.scene, target)
+        self._arrows = ForceArrows(self, server, target)
         self._plots = Plots(self, server, target)
         self._remote = Remote(self, target, self)
         self._names: list[str] = []
@@ -92,6 +99,7 @@ class Viewer(Node):
         self._summary = ''
         self._peaks: list[tuple[float, float]] = []
         self._colored_by = ''
+        self._look = BY_BODY, False
         self._problem = ''
 
         def listen(kind: type, topic: str, use: Callable, qos: Any, raw: bool = False) -> None:
@@ -167,7 +175,11 @@ class Viewer(Node):
     def _show(self) -> None:
         """Show the newest cloud if there is a new one, and the newest forces."""
         self._show_cloud()
-        self._view.see_through(self._panel.shows_forces)
+        look = self._panel.coloring, self._panel.shows_forces
+        if look != self._look:  # also while no clouds come
+            self._look = look
+            self._view.see_through(self._panel.shows_forces)
+            self._draw()
         self._arrows.update(self._panel.shows_forces)
         self._plots.update()
 

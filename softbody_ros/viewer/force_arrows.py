@@ -24,6 +24,8 @@ WIDTH = 1.6
 """Length of the longest arrow in RMS radii of the largest body."""
 SHAFT, HEAD = 0.022, (0.06, 0.25)
 """Radius of the shaft, radius and length of the head, in lengths of the longest arrow."""
+SPARE = 8
+"""Arrows that the page is told of at a time."""
 LABELS = 12
 """Largest forces that have their sizes written beside them."""
 APART, BEYOND = 0.16, 0.04
@@ -42,14 +44,15 @@ class ForceArrows:
     Parameters
     ----------
     node : Node
-    scene : viser.SceneApi
+    server : viser.ViserServer
     target : str
         name of the node that is observed
 
     """
 
-    def __init__(self, node: Node, scene: viser.SceneApi, target: str) -> None:
-        self._scene = scene
+    def __init__(self, node: Node, server: viser.ViserServer, target: str) -> None:
+        self._server = server
+        self._scene: Any = server.scene
         self._forces = ContactForces(node, target)
         self._frame: Frame | None = None
         self._numbers: Mapping[str, int] = {}
@@ -108,8 +111,9 @@ class ForceArrows:
         # what acts on a body begins where it acts, what it does to an obstacle ends there
         points = np.array([each.point for each in shown]).reshape(-1, 3)
         starts = points - np.where(on_body, 0.0, lengths)[:, None] * along
-        self._draw_arrows(starts, along, lengths, on_body)
-        self._write(starts + (lengths + BEYOND * self._length)[:, None] * along, sizes)
+        with self._server.atomic():
+            self._draw_arrows(starts, along, lengths, on_body)
+            self._write(starts + (lengths + BEYOND * self._length)[:, None] * along, sizes)
 
     def _draw_arrows(
         self, starts: np.ndarray, along: np.ndarray, lengths: np.ndarray, on_body: np.ndarray
@@ -122,21 +126,26 @@ class ForceArrows:
         # short arrows are thicker for their length, to be seen
         width = np.sqrt(lengths * self._length)
         scales = np.stack([width, width, lengths], axis=1)
-        colors = np.where(on_body[:, None], ON_BODY, ON_OBSTACLE).astype(np.uint8)
-        if self._arrows is not None and len(self._arrows.batched_positions) != len(starts):
-            self._arrows.remove()
-            self._arrows = None
-        if self._arrows is None:
-            vertices, faces = arrow()
-            self._arrows = self._scene.add_batched_meshes_simple(
-                '/forces/arrows', vertices, faces, turns(along), starts, batched_scales=scales,
-                batched_colors=colors, lod='off', cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
+        colors = np.where(on_body[:, None], ON_BODY, ON_OBSTACLE)
+        # some more of no size: with another number of them the page begins anew
+        spare = (0, -len(starts) % SPARE), (0, 0)
+        shown = {
+            'batched_positions': np.pad(starts, spare).astype(np.float32),
+            'batched_wxyzs': np.pad(turns(along), spare, 'edge').astype(np.float32),
+            'batched_scales': np.pad(scales, spare).astype(np.float32),
+            'batched_colors': np.pad(colors, spare).astype(np.uint8),
+        }
+        rows = len(starts) + spare[0][1]
+        if self._arrows is not None and len(self._arrows.batched_positions) == rows:
+            for name, values in shown.items():
+                setattr(self._arrows, name, values)
             return
-        self._arrows.batched_positions = starts.astype(np.float32)
-        self._arrows.batched_wxyzs = turns(along).astype(np.float32)
-        self._arrows.batched_scales = scales.astype(np.float32)
-        self._arrows.batched_colors = colors
+        if self._arrows is not None:
+            self._arrows.remove()
+        self._arrows = self._scene.add_batched_meshes_simple(
+            '/forces/arrows', *arrow(), lod='off', cast_shadow=False, receive_shadow=False,
+            **shown,
+        )  # fmt: skip
 
     def _write(self, places: np.ndarray, sizes: np.ndarray) -> None:
         """Write the largest of the sizes, in descending order, at these places."""

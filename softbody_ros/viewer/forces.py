@@ -146,7 +146,8 @@ def wrench_of(message: WrenchStamped) -> Wrench:
 
 def mean_of(wrenches: list[Wrench]) -> Wrench:
     """Return the mean of wrenches, each of which is one over as long a time."""
-    force, torque = np.mean(wrenches, axis=0)
+    # what is not finite is of nobody's use
+    force, torque = np.nan_to_num(np.mean(wrenches, axis=0), posinf=0.0, neginf=0.0)
     return force, torque
 
 

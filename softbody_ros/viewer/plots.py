@@ -24,6 +24,8 @@ SPAN = 10.0
 """Seconds that are shown, of simulated time."""
 FINEST = 0.01
 """Seconds between two points of a curve, at least."""
+MOST_FORCES = 100_000
+"""Messages that are kept: of ten seconds at the highest rate."""
 PAUSE = 0.5
 """Seconds without a message after which there was a pause rather than a slow rate."""
 PERIOD = 0.1
@@ -51,7 +53,7 @@ class Track:
 
     def __init__(self) -> None:
         self._states: deque[tuple[int, float, float, float]] = deque()
-        self._forces: deque[tuple[int, float]] = deque()
+        self._forces: deque[tuple[int, float]] = deque(maxlen=MOST_FORCES)
         self._last = 0
         self._time = self._usual = 0.0
 

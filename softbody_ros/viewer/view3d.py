@@ -86,11 +86,9 @@ class View3D:
 
     def see_through(self, is_wanted: bool) -> None:
         """Let bodies be translucent, to show what is in them, or as they are."""
-        opacity = TRANSLUCENT if is_wanted else 1.0
-        if opacity != self._opacity:
-            self._opacity, self._file = opacity, None
-            for mesh, part in zip(self._meshes, self._parts, strict=False):
-                mesh.opacity = self._opacity_of(part)
+        self._opacity, self._file = TRANSLUCENT if is_wanted else 1.0, None
+        for mesh, part in zip(self._meshes, self._parts, strict=False):
+            mesh.opacity = self._opacity_of(part)
 
     def _opacity_of(self, part: Part) -> float | None:
         opacity = min(part.color[3] / 255.0, self._opacity)
