@@ -35,10 +35,11 @@ class Shading:
     def normals(self, positions: np.ndarray) -> np.ndarray:
         """Return the normals (k, 3), float32, of length 1, at vertex positions (n, 3)."""
         sums = vertex_normals(positions[self.origin], self.faces)
-        lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+        lengths = np.sqrt(np.einsum('ij,ij->i', sums, sums))
+        normals = (sums / np.maximum(lengths, 1e-300)[:, None]).astype(np.float32)
         # without area it is invisible, but the formats require a unit normal
-        normals = np.where(lengths > 0.0, sums / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0))
-        return normals.astype(np.float32)
+        normals[lengths == 0.0] = (0.0, 0.0, 1.0)
+        return normals
 
 
 def shading(vertices: np.ndarray, faces: np.ndarray) -> Shading:
