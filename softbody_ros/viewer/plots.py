@@ -211,9 +211,13 @@ def _plot(gui: viser.GuiApi, title: str, color: str) -> Any:
         ({}, {'stroke': color, 'width': 1.5, 'points': {'show': False}}),
         title=title,
         scales={'x': {'time': False, 'range': (-SPAN, 0.0)}, 'y': {'range': RANGE}},
-        axes=({'size': 26, 'incrs': (1.0, 2.0, 5.0)}, {'size': 42}),
+        axes=(
+            {'size': 24, 'incrs': (1.0, 2.0, 5.0), 'ticks': {'show': False}},
+            {'size': 42, 'ticks': {'show': False}},
+        ),
         legend={'show': False},
-        height=115,
+        height=120,
+        padding=(8, 16, 0, 0),
         visible=False,
     )
 
