@@ -22,9 +22,9 @@ import trimesh
 
 from softbody_ros.bake import __main__ as command
 from softbody_ros.bake.film import Film, linear
-from softbody_ros.bake.shading import shading
 from softbody_ros.bake.whole_file import whole_file
-from softbody_ros.core import MeshError, MeshFrame, Surface, World, make_surface
+from softbody_ros.core import MeshError, MeshFrame, World, make_surface
+from softbody_ros.core.geometry.shading import shading
 from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import read_scene
 
@@ -213,16 +213,14 @@ def test_edges_are_creases_by_their_angle_at_rest():
     def roof(angle):
         angle = np.radians(angle)
         wing = [0.5, -np.cos(angle), -np.sin(angle)]
-        return Surface(
-            np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1.0, 0.0], wing]),
-            np.array([[0, 1, 2], [1, 0, 3]]),
-        )
+        return np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1.0, 0.0], wing])
 
-    flat, sharp = shading(roof(45.0)), shading(roof(60.0))
+    faces = np.array([[0, 1, 2], [1, 0, 3]])
+    flat, sharp = shading(roof(45.0), faces), shading(roof(60.0), faces)
     assert flat.origin.tolist() == [0, 1, 2, 3]
     assert sharp.origin.tolist() == [0, 0, 1, 1, 2, 3]
-    assert flat.normals(roof(90.0).vertices)[0] == pytest.approx([0.0, -(0.5**0.5), 0.5**0.5])
-    at_ridge = sharp.normals(roof(90.0).vertices)[:2].tolist()
+    assert flat.normals(roof(90.0))[0] == pytest.approx([0.0, -(0.5**0.5), 0.5**0.5])
+    at_ridge = sharp.normals(roof(90.0))[:2].tolist()
     assert sorted(at_ridge) == pytest.approx(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]))
     # without an area there is no direction, but a reader wants one
     assert np.array_equal(flat.normals(np.zeros((4, 3))), [[0.0, 0.0, 1.0]] * 4)

@@ -228,7 +228,7 @@ def test_an_empty_cloud_is_no_points(message):
 
 
 def test_another_nodes_points_are_read():
-    bodies = [(POINTS[:5], *np.ones((2, 5))), (POINTS[5:], *np.ones((2, 7)))]
+    bodies = [(POINTS[:5], *np.ones((3, 5))), (POINTS[5:], *np.ones((3, 7)))]
     data = messages.serialized_cloud(1, 'world', messages.points_array(bodies))
     points, _ = points_of(deserialize_message(data, PointCloud2))
     np.testing.assert_array_equal(points.points, POINTS)

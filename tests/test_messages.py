@@ -54,11 +54,11 @@ def test_marker_takes_any_layout_of_corners():
 @pytest.mark.parametrize('frame_id', NAMES)
 def test_cloud_equals_the_object_path(frame_id):
     rng = np.random.default_rng(0)
-    bodies = [(rng.normal(size=(n, 3)), *rng.random((2, n))) for n in (5, 3)]
+    bodies = [(rng.normal(size=(n, 3)), *rng.random((3, n))) for n in (5, 3)]
     records = messages.points_array(bodies)
     data = messages.serialized_cloud(STAMP, frame_id, records)
 
-    expected = PointCloud2(height=1, width=8, point_step=24, row_step=192, is_dense=True)
+    expected = PointCloud2(height=1, width=8, point_step=28, row_step=224, is_dense=True)
     expected.header.frame_id = frame_id
     expected.header.stamp = messages.time_message(STAMP)
     for offset, name in enumerate(['x', 'y', 'z', 'displacement']):
@@ -67,6 +67,7 @@ def test_cloud_equals_the_object_path(frame_id):
     expected.fields += [
         PointField(name='body', offset=16, datatype=PointField.UINT32, count=1),
         PointField(name='pressure', offset=20, datatype=PointField.FLOAT32, count=1),
+        PointField(name='permanent_strain', offset=24, datatype=PointField.FLOAT32, count=1),
     ]
     expected.data.frombytes(records.tobytes())
     assert deserialize_message(data, PointCloud2) == expected
@@ -76,6 +77,8 @@ def test_cloud_equals_the_object_path(frame_id):
     np.testing.assert_array_equal(records['y'][5:], bodies[1][0][:, 1].astype(np.float32))
     np.testing.assert_array_equal(records['displacement'][:5], bodies[0][1].astype(np.float32))
     np.testing.assert_array_equal(records['pressure'][5:], bodies[1][2].astype(np.float32))
+    strain = bodies[0][3].astype(np.float32)
+    np.testing.assert_array_equal(records['permanent_strain'][:5], strain)
 
 
 @pytest.mark.parametrize(('vertex_count', 'face_count'), [(4, 4), (5, 3), (3, 0)])

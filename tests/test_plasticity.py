@@ -325,6 +325,23 @@ def test_what_becomes_permanent_hardly_depends_on_the_step(values, count):
     assert coarse == pytest.approx(fine, rel=0.1)
 
 
+@pytest.mark.parametrize('count', [0, 12])
+def test_the_strain_of_a_vertex_is_that_of_what_it_belongs_to(count):
+    world = dropped(1.5, plasticity_creep=10.0, plasticity_yield=0.05, regions_count=count)
+    strains, largest = world.permanent_strains('ball'), world.permanent_strain('ball')
+    if count:
+        # the ground has dented it
+        height = world.rest_shape('ball').surface.vertices[:, 2]
+        assert largest > strains.max() > 1.5 * strains[height > 0.0].mean()
+        assert height[strains.argmax()] < -0.3
+    else:
+        assert (strains == largest).all()
+        assert largest > 0.01
+    assert len(strains) == len(world.positions('ball'))
+    world.reset()
+    assert not world.permanent_strains('ball').any()
+
+
 # ------------------------------------------------------------------------------------------ state
 def plastic_bytes(world):
     """Return everything that is permanent as bytes; nothing permanent is no stretch at all."""

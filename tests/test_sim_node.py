@@ -77,7 +77,8 @@ def test_points_have_every_vertex_and_fall(graph, distribution):
     graph.spin_until(lambda: len(clouds) > 20)
     cloud = clouds[0]
     names = [field.name for field in cloud.fields]
-    assert names == ['x', 'y', 'z', 'displacement', 'body', 'pressure']
+    fields = ['x', 'y', 'z', 'displacement', 'body', 'pressure', 'permanent_strain']
+    assert names == fields
     assert (cloud.header.frame_id, cloud.height, cloud.width) == ('world', 1, 42)
     assert cloud.is_dense and not cloud.is_bigendian
     heights = [records(cloud)['z'].mean() for cloud in clouds]
@@ -213,8 +214,21 @@ def test_reset_is_bit_identical_to_a_fresh_start(graph):
     fresh = World(sim._scene.world)
     fresh.step(200)
     fit = fresh.rigid_fit('ball')
-    expected = points_array([(fresh.positions('ball'), fit.displacement, fresh.pressure('ball'))])
+    ball = fresh.positions('ball'), fit.displacement, fresh.pressure('ball'), 0.0
+    expected = points_array([ball])
     assert bytes(clouds[-1].data) == expected.tobytes()
+
+
+def test_points_say_what_has_become_permanent(graph):
+    sim = graph.sim_node(ball__plasticity__creep=20.0, ball__plasticity__yield=0.02)
+    clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    graph.spin_until(lambda: clouds)
+    assert not records(clouds[0])['permanent_strain'].any()
+    graph.spin_until(lambda: records(clouds[-1])['permanent_strain'].min() > 0.01)
+    paused(graph)
+    graph.spin_until(lambda: stamp_of(clouds[-1]) == sim._stamp())
+    expected = np.float32(sim._world.permanent_strain('ball'))
+    assert set(records(clouds[-1])['permanent_strain']) == {expected}
 
 
 def test_step_needs_pause_and_counts_ticks(graph):

@@ -71,7 +71,8 @@ def test_the_page_shows_a_body_that_falls_and_the_reset_button_puts_it_back(show
 
 
 @pytest.mark.parametrize(
-    ('quantity', 'unit'), [('displacement', '[cm]?m'), ('pressure', '[kM]?Pa')]
+    ('quantity', 'unit'),
+    [('displacement', '[cm]?m'), ('pressure', '[kM]?Pa'), ('permanent strain', '%')],
 )
 def test_colours_by_a_quantity_with_a_legend(show, quantity, unit):
     show.graph.spin_until(lambda: show.height())
@@ -100,6 +101,70 @@ def test_obstacles_are_shown(show):
     show.graph.spin_until(
         lambda: np.mean(np.abs(show.picture() - before).max(axis=-1) > 30) > 0.01, 'a box'
     )
+
+
+def test_contact_forces_are_arrows_while_they_are_wanted(show):
+    def listeners():
+        return show.graph.node.count_subscribers(f'{SIM}/contacts/ball')
+
+    def crimson():
+        red, green, blue = np.moveaxis(show.picture(), -1, 0)
+        return ((red > green + 60) & (blue > green)).sum()
+
+    assert listeners() == 0
+    show.graph.spin_until(lambda: show.height())
+    assert not crimson()
+    box = show.row('contact forces').locator('input')
+    box.check()
+    # the ground holds it: an arrow into it, which is seen through it
+    show.graph.spin_until(lambda: crimson() > 100, 'an arrow')
+    assert listeners() == 1
+    box.uncheck()
+    show.graph.spin_until(lambda: not crimson() and show.height(), 'no arrow')
+    show.graph.spin_until(lambda: not listeners())
+
+
+def test_plots_of_a_body_while_it_is_chosen(show):
+    def listeners():
+        return show.graph.node.count_subscribers(f'{SIM}/odometry')
+
+    def curves():
+        """Return times, heights, speeds and forces as in the page; None while it has none."""
+        charts = show.page.evaluate(
+            'Object.values(window.__viserTestpoints?.uplots ?? {})'
+            '.map(({chart}) => [chart.data[0], chart.data[1]].map(each => Array.from(each)))'
+        )
+        whole = len(charts) == 3 and len({len(each) for chart in charts for each in chart}) == 1
+        return np.array([charts[0][0], *(chart[1] for chart in charts)]) if whole else None
+
+    show.page.get_by_text('Plots', exact=True).click()
+    assert listeners() == 0
+    browser_of_tests.choose(show.page, 'plot', 'ball')
+    show.graph.spin_until(lambda: curves() is not None and curves().shape[1] > 1, 'curves')
+    button(show, 'Reset').click()
+
+    def has_fallen_and_rests():
+        shown = curves()
+        if shown is None:  # in the middle of an update
+            return False
+        _, height, speed, force = shown
+        fallen = height.max() > 1.45 and speed.max() > 3.0 and force.max() > 20.0
+        return fallen and height[-1] < 0.52 and speed[-1] < 1e-3
+
+    show.graph.spin_until(has_fallen_and_rests)
+    button(show, 'Pause').click()
+    show.says(f'{SIM}: paused')
+    times, height, speed, force = curves()
+    assert times[0] >= -10.0 and np.abs(times[-1]) < 0.011 and (np.diff(times) > 0.0).all()
+    # simulated seconds, of which this node has half as many as there are
+    falls = (height > 0.6) & (speed > 0.5) & (np.gradient(height) < 0.0)
+    slopes = np.gradient(height, times)[falls]
+    assert np.median(-slopes / speed[falls]) == pytest.approx(1.0, abs=0.1)
+    assert force[-1] == pytest.approx(9.81, rel=0.02)
+    button(show, 'Go on').click()
+    show.says(f'{SIM}: running')
+    browser_of_tests.choose(show.page, 'plot', 'nothing')
+    show.graph.spin_until(lambda: not listeners() and curves() is None)
 
 
 # -------------------------------------------------------------------------------------- the panel

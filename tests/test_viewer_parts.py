@@ -33,17 +33,20 @@ def surface(vertices=BALL.vertices, faces=BALL.faces):
 # ----------------------------------------------------------------------------------------- frames
 def test_a_frame_is_what_was_packed():
     random = np.random.default_rng(0)
-    bodies = [(random.normal(size=(n, 3)), *random.uniform(size=(2, n))) for n in (5, 7)]
+    bodies = [(random.normal(size=(n, 3)), *random.uniform(size=(3, n))) for n in (5, 7)]
     frame = decoding.frame(cloud(*bodies, frame_id='map'))
     assert frame.frame_id == 'map'
     np.testing.assert_array_equal(
-        frame.positions, np.concatenate([x for x, _, _ in bodies]).astype(np.float32)
+        frame.positions, np.concatenate([x for x, *_ in bodies]).astype(np.float32)
     )
     np.testing.assert_array_equal(
-        frame.displacement, np.concatenate([d for _, d, _ in bodies]).astype(np.float32)
+        frame.displacement, np.concatenate([d for _, d, *_ in bodies]).astype(np.float32)
     )
     np.testing.assert_array_equal(
-        frame.pressure, np.concatenate([p for _, _, p in bodies]).astype(np.float32)
+        frame.pressure, np.concatenate([p for _, _, p, _ in bodies]).astype(np.float32)
+    )
+    np.testing.assert_array_equal(
+        frame.permanent_strain, np.concatenate([s for *_, s in bodies]).astype(np.float32)
     )
     assert frame.body.tolist() == [0] * 5 + [1] * 7
 
@@ -64,11 +67,12 @@ def test_a_frame_has_any_layout():
     frame = decoding.frame(message)
     assert frame.body.tolist() == [0, 1, 2, 3, 4, 5]
     assert frame.positions[1].tolist() == [11.0, 10.0, 9.0]
-    assert frame.pressure.tolist() == [0.0] * 6  # one of release 0.1.0
+    # one of release 0.1.0
+    assert frame.pressure.tolist() == frame.permanent_strain.tolist() == [0.0] * 6
 
 
 def test_numbers_of_bodies_have_gaps_where_some_were_removed():
-    one = np.zeros((1, 3)), np.zeros(1), np.zeros(1)
+    one = np.zeros((1, 3)), *np.zeros((3, 1))
     records = messages.points_array([one, one], [3, 4_000_000_000])
     message = deserialize_message(messages.serialized_cloud(1, 'world', records), PointCloud2)
     assert decoding.frame(message).body.tolist() == [3, 4_000_000_000]
@@ -78,14 +82,14 @@ def test_numbers_of_bodies_have_gaps_where_some_were_removed():
 
 
 def test_clouds_of_others_are_refused():
-    bodies = (np.zeros((2, 3)), np.zeros(2), np.zeros(2))
+    bodies = (np.zeros((2, 3)), *np.zeros((3, 2)))
     message = cloud(bodies)
     message.fields = message.fields[:3]
     with pytest.raises(decoding.FrameError, match='it lacks displacement, body'):
         decoding.frame(message)
     message = cloud(bodies)
     message.width = 3
-    with pytest.raises(decoding.FrameError, match='cut off: 48 bytes for 3 points'):
+    with pytest.raises(decoding.FrameError, match='cut off: 56 bytes for 3 points'):
         decoding.frame(message)
     for step in (0, 20, 2**31):
         message.point_step = step
@@ -156,22 +160,39 @@ def test_parts_are_the_colours_however_many_bodies():
 
 def test_normals_of_a_ball_point_outwards():
     ball = surface()
-    np.testing.assert_allclose(ball.normals(ball.vertices), 2.0 * ball.vertices, atol=0.02)
+    assert len(ball.shading.origin) == len(ball.vertices)
+    np.testing.assert_allclose(ball.shading.normals(ball.vertices), 2 * ball.vertices, atol=0.02)
+
+
+@pytest.mark.parametrize('subdivisions', [0, 3])
+def test_edges_of_a_cube_stay_sharp_however_it_is_dented(subdivisions):
+    made = make_surface('box', 0.5, subdivisions)
+    cube = surface(made.vertices, made.faces)
+    (part,) = decoding.parts(cube, np.zeros(len(cube.vertices), np.uint32), {0: (9, 9, 9, 255)})
+    # each of its sides has its own vertices, as the page is smooth across shared ones
+    corners = cube.vertices[part.particles][part.faces]
+    np.testing.assert_array_equal(corners, cube.vertices[cube.faces])
+    per_side = (2**subdivisions + 1) ** 2
+    assert len(part.particles) == 6 * per_side
+    np.testing.assert_allclose(np.abs(cube.shading.normals(cube.vertices)).max(axis=1), 1.0)
+    # by their angles at rest, not of now
+    flat = cube.vertices * [1.0, 1.0, 1e-3]
+    assert len(cube.shading.normals(flat)) == 6 * per_side
 
 
 def test_the_coloured_file_is_replaced_in_place():
     ball = surface()
-    file = glb.ColoredFile(ball)
+    file = glb.ColoredFile(ball.vertices, ball.faces)
     random = np.random.default_rng(0)
     for _ in range(2):
         moved = random.normal(size=ball.vertices.shape).astype(np.float32)
         colors = random.integers(0, 256, (len(moved), 4), np.uint8)
-        data = file.filled(moved, ball.normals(moved), colors)
+        data = file.filled(moved, ball.shading.normals(moved), colors)
         (read,) = trimesh.load(io.BytesIO(data), file_type='glb', process=False).geometry.values()
         np.testing.assert_array_equal(read.vertices, moved)
         np.testing.assert_array_equal(read.faces, ball.faces)
         np.testing.assert_array_equal(read.visual.vertex_colors, colors)
-        np.testing.assert_allclose(read.vertex_normals, ball.normals(moved), atol=1e-6)
+        np.testing.assert_allclose(read.vertex_normals, ball.shading.normals(moved), atol=1e-6)
 
 
 def test_heat_runs_from_the_first_colour_to_the_last():

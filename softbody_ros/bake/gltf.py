@@ -17,10 +17,10 @@ import pygltflib
 from pygltflib import GLTF2, Accessor, Attributes, BufferView
 
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
-from softbody_ros.bake.shading import shading
 from softbody_ros.core import ConfigError, Surface
 from softbody_ros.core.collision.shapes import obstacle_surface
 from softbody_ros.core.geometry.glb import MARK
+from softbody_ros.core.geometry.shading import shading
 
 LARGEST = 2**32 - 1
 """Most bytes in a file: the length in its header has 32 bits."""
@@ -30,7 +30,8 @@ Z_UP_TO_Y_UP = [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
 def size(film: Film) -> int:
     """Return the approximate number of bytes of the file of a film."""
     frames = len(film.times)
-    vertices = sum(len(shading(film.picture(name)).origin) for name in film.world.names)
+    pictures = [film.picture(name) for name in film.world.names]
+    vertices = sum(len(shading(each.vertices, each.faces).origin) for each in pictures)
     return 24 * frames * vertices + 4 * frames**2 * len(film.world.names)
 
 
@@ -97,7 +98,7 @@ class _Document:
     def _add_body(self, name: str, film: Film) -> None:
         surface = film.picture(name)
         first, *later = (frame.pictures[name] for frame in self._frames)
-        shown = shading(surface)
+        shown = shading(surface.vertices, surface.faces)
         normals, *later_normals = (shown.normals(each) for each in (first, *later))
         material = self._material(name, film.color(name), not surface.closed)
         mesh = self._mesh(name, first[shown.origin], normals, shown.faces, material)
@@ -118,7 +119,7 @@ class _Document:
 
     def _add_obstacle(self, name: str, surface: Surface, grey: int) -> None:
         poses = [frame.obstacles[name] for frame in self._frames]
-        shown = shading(surface)
+        shown = shading(surface.vertices, surface.faces)
         vertices = surface.vertices[shown.origin].astype(np.float32)
         mesh = self._mesh(name, vertices, shown.normals(surface.vertices), shown.faces, grey)
         node = pygltflib.Node(name=name, mesh=mesh, extras=MARK)

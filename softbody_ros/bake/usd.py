@@ -22,10 +22,10 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 
 from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
-from softbody_ros.bake.shading import Shading, shading
 from softbody_ros.core import Surface
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.shapes import obstacle_surface
+from softbody_ros.core.geometry.shading import Shading, shading
 
 ROOT = '/scene'
 SAVED_AT_ONCE = 64 << 20
@@ -110,7 +110,7 @@ class _Mesh:
         self.prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         self.prim.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
         self.prim.CreateDoubleSidedAttr(not surface.closed)
-        self._shading = shading(surface)
+        self._shading = shading(surface.vertices, surface.faces)
         self._normals = _normals(self.prim, self._shading)
 
     def show(self, positions: np.ndarray, time: Usd.TimeCode) -> int:

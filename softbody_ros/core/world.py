@@ -64,7 +64,10 @@ from softbody_ros.core.shape_matching.material import (
     require_volume,
 )
 from softbody_ros.core.shape_matching.pins import Pins, make_pins, pinned_particles
-from softbody_ros.core.shape_matching.plasticity import largest_permanent_strain
+from softbody_ros.core.shape_matching.plasticity import (
+    largest_permanent_strain,
+    permanent_strains,
+)
 from softbody_ros.core.shape_matching.regions import Regions, make_regions
 from softbody_ros.core.shape_matching.rest_shape import (
     RestShape,
@@ -1428,6 +1431,24 @@ class World:
         """Return the largest permanent strain of a body and its regions."""
         stretch = self._state.plastic_state(self._index_of(name))
         return 0.0 if stretch is None else largest_permanent_strain(stretch)
+
+    def permanent_strains(self, name: str) -> np.ndarray:
+        """
+        Return (n,) float: the permanent strain at each vertex of the surface; read-only.
+
+        With regions it is the mean of that of the whole body and those of the regions that the
+        vertex belongs to, with the weights of their goals.
+        """
+        index = self._index_of(name)
+        body, stretch = self._bodies[index], self._state.plastic_state(index)
+        if stretch is None:
+            return np.broadcast_to(0.0, body.rest.surface_count)
+        whole, *local = permanent_strains(stretch)
+        if body.regions is None:
+            return np.broadcast_to(whole, body.rest.surface_count)
+        weight = body.config.regions_whole_body_weight
+        mean = body.regions.mean_at_particles(np.array(local))[: body.rest.surface_count]
+        return weight * whole + (1.0 - weight) * mean
 
     def centre_of_mass(self, name: str) -> np.ndarray:
         """Return (3,) float: the centre of mass of a body, m, with what is inside."""

@@ -38,6 +38,7 @@ POINT_FIELDS = (
     ('displacement', PointField.FLOAT32),
     ('body', PointField.UINT32),
     ('pressure', PointField.FLOAT32),
+    ('permanent_strain', PointField.FLOAT32),
 )
 NUMBER_IN_POINTS = ' number in ~/points'
 """After the name of a body, in the diagnostics: its number in the field `body`."""
@@ -75,7 +76,7 @@ def _raw(array: np.ndarray) -> memoryview:
 
 
 def points_array(
-    bodies: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    bodies: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
     numbers: Iterable[int] | None = None,
 ) -> np.ndarray:
     """
@@ -83,19 +84,20 @@ def points_array(
 
     Parameters
     ----------
-    bodies : sequence of ((n, 3) float, (n,) float, (n,) float)
-        positions and displacements, m, and pressures, Pa
+    bodies : sequence of ((n, 3) float, (n,) float, (n,) float, (n,) float)
+        positions and displacements, m, pressures, Pa, and permanent strains
     numbers : iterable of int, optional
         of each body, by default from 0 on
 
     """
-    records = np.empty(sum(len(positions) for positions, _, _ in bodies), POINT_TYPE)
+    records = np.empty(sum(len(positions) for positions, *_ in bodies), POINT_TYPE)
     start = 0
     numbers = range(len(bodies)) if numbers is None else numbers
-    for number, (positions, displacement, pressure) in zip(numbers, bodies, strict=True):
+    for number, (positions, displacement, pressure, strain) in zip(numbers, bodies, strict=True):
         rows = records[start : start + len(positions)]
         rows['x'], rows['y'], rows['z'] = positions.T
         rows['displacement'], rows['body'], rows['pressure'] = displacement, number, pressure
+        rows['permanent_strain'] = strain
         start += len(positions)
     return records
 

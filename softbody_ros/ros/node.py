@@ -354,7 +354,12 @@ class SimNode(Node):
     ) -> None:
         records = messages.points_array(
             [
-                (positions(name), fit(name).displacement, self._world.pressure(name))
+                (
+                    positions(name),
+                    fit(name).displacement,
+                    self._world.pressure(name),
+                    self._world.permanent_strains(name),
+                )
                 for name in self._world.names
             ],
             [self._numbers[name] for name in self._world.names],

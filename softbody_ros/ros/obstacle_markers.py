@@ -24,8 +24,8 @@ PLANE_COLOR, COLOR, RECEIVED_COLOR = (
     (0.45, 0.58, 0.70, 1.0),
 )
 
-LINKS = 'robot/'
-"""What namespaces of links begin with: names of the scene contain no slash."""
+LINKS, OTHERS = 'robot/', 'others/'
+"""What namespaces of links and of received obstacles begin with: names have no slash."""
 
 Shown = Mapping[tuple[str, int], Obstacle]
 """Obstacles by the `ns` and `id` of their markers."""
@@ -87,7 +87,7 @@ class ObstacleMarkers:
         # names of the scene contain no slash
         for (namespace, number), received in world.external_inputs.dynamic_obstacles.items():
             link = namespace.removeprefix(ROBOT)
-            of = f'others/{namespace}' if link == namespace else f'{LINKS}{link}'
+            of = f'{OTHERS}{namespace}' if link == namespace else f'{LINKS}{link}'
             shown[of, number] = received.obstacle
         return shown
 

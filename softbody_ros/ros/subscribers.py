@@ -36,6 +36,7 @@ from softbody_ros.ros import interfaces, message_parsing
 from softbody_ros.ros.frames import Frames
 from softbody_ros.ros.interfaces import Topic
 from softbody_ros.ros.message_parsing import InputError
+from softbody_ros.ros.polling import NeverReady, taken
 from softbody_ros.ros.qos import qos_of
 from softbody_ros.scene.parameters import NodeConfig
 from softbody_ros.timeline.stepper import Stepper
@@ -48,23 +49,8 @@ BYTES_PER_MARKER, BYTES_PER_POSE = 400, 1000
 # it also receives from reliable publishers
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-MOST_POLLED = 100
-"""Messages that are taken at a time from a topic that is polled."""
 REMEMBERED = 100
 """Messages of a topic that are recognised when another subscription receives them, too."""
-
-
-class _NeverReady(CallbackGroup):
-    """Keeps what it contains out of the executor."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        pass
 
 
 class InputTopics:
@@ -118,11 +104,10 @@ class InputTopics:
         use : callable
             uses a message, with the present NodeConfig, and returns a warning or ''
         polled : bool
-            whether they are taken by `poll` only, and wake nobody: rclpy's executor takes half a
-            millisecond for each message that it wakes for, so 1 kHz would cost half a core
+            whether they are taken by `poll` only, and wake nobody
 
         """
-        topic = _Topic(interface, use, group=_NeverReady() if polled else None)
+        topic = _Topic(interface, use, group=NeverReady() if polled else None)
         self._topics.append(topic)
         self._subscribe(topic, qos_of(interface, latched=False))
         if interface.latched:
@@ -141,13 +126,8 @@ class InputTopics:
     def poll(self) -> None:
         """Use what has come to the topics that wake nobody."""
         for topic, subscription in self._polled:
-            with subscription.handle:
-                for _ in range(MOST_POLLED):
-                    # as rclpy's executors take it
-                    taken = subscription.handle.take_message(topic.interface.kind, False)
-                    if taken is None:
-                        break
-                    self._received(topic, *taken)
+            for message, info in taken(subscription):
+                self._received(topic, message, info)
 
     def hear_everyone(self) -> None:
         """Subscribe as the publishers that are there now need it, and say what cannot be heard."""

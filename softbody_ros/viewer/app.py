@@ -29,12 +29,22 @@ from std_srvs.srv import SetBool, Trigger
 import viser
 from visualization_msgs.msg import MarkerArray
 
+from softbody_ros.core.config import NAME_PATTERN
 from softbody_ros.ros.spinning import spin
 from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
+from softbody_ros.viewer.force_arrows import ForceArrows
 from softbody_ros.viewer.keyboard import Keyboard
 from softbody_ros.viewer.page import Page
-from softbody_ros.viewer.panel import BY_DISPLACEMENT, BY_PRESSURE, UNITS, Panel
+from softbody_ros.viewer.panel import (
+    BY_BODY,
+    BY_DISPLACEMENT,
+    BY_PRESSURE,
+    BY_STRAIN,
+    UNITS,
+    Panel,
+)
+from softbody_ros.viewer.plots import Plots
 from softbody_ros.viewer.recording import FilmMenu
 from softbody_ros.viewer.remote import PATIENCE, Remote
 from softbody_ros.viewer.scene_menu import SceneMenu
@@ -72,6 +82,8 @@ class Viewer(Node):
         self._view = View3D(server, shadows)
         self._page = Page(server)
         self._panel = Panel(server.gui, self._later, self._act, self._change)
+        self._arrows = ForceArrows(self, server, target)
+        self._plots = Plots(self, server, target)
         self._remote = Remote(self, target, self)
         self._scenes = SceneMenu(
             server.gui, self._later, self._remote, self._notify, lambda: self._frame,
@@ -101,6 +113,7 @@ class Viewer(Node):
         self._summary = ''
         self._peaks: list[tuple[float, float]] = []
         self._colored_by = ''
+        self._look = BY_BODY, False
         self._problem = ''
 
         def listen(kind: type, topic: str, use: Callable, qos: Any, raw: bool = False) -> None:
@@ -162,6 +175,7 @@ class Viewer(Node):
 
     def _take_obstacles(self, message: MarkerArray) -> None:
         self._view.set_obstacles(message.markers)
+        self._arrows.set_obstacles(message.markers)
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -175,7 +189,17 @@ class Viewer(Node):
 
     # ------------------------------------------------------------------------------------ display
     def _show(self) -> None:
-        """Show the newest cloud if there is a new one."""
+        """Show the newest cloud if there is a new one, and the newest forces."""
+        self._show_cloud()
+        look = self._panel.coloring, self._panel.shows_forces
+        if look != self._look:  # also while no clouds come
+            self._look = look
+            self._view.see_through(self._panel.shows_forces)
+            self._draw()
+        self._arrows.update(self._panel.shows_forces)
+        self._plots.update()
+
+    def _show_cloud(self) -> None:
         cloud, self._cloud = self._cloud, None
         if cloud is None or self._surface is None:
             return
@@ -199,9 +223,17 @@ class Viewer(Node):
         if self._drawn != repr(colors):
             self._drawn, self._drawn_numbers = repr(colors), numbers
             self._view.set_bodies(picture.surface, picture.body, colors)
+        names = {self._name_of(number): number for number in numbers}
+        named = {name: number for name, number in names.items() if NAME_PATTERN.fullmatch(name)}
+        self._arrows.show(frame, named)
+        self._plots.offer(named)
         frame = picture.of(frame)
         coloring = self._panel.coloring
-        values = {BY_DISPLACEMENT: frame.displacement, BY_PRESSURE: frame.pressure}.get(coloring)
+        values = {
+            BY_DISPLACEMENT: frame.displacement,
+            BY_PRESSURE: frame.pressure,
+            BY_STRAIN: frame.permanent_strain,
+        }.get(coloring)
         if values is None:
             self._panel.legend(None)
             self._view.show(frame, None, 0.0)
@@ -219,14 +251,18 @@ class Viewer(Node):
             self._problem = f'{self._target}/visual_mesh: {error}'
             picture = Picture(surface, body, {})
         self._picture, self._drawn, self._drawn_body = picture, '', body
+        self._arrows.set_surface(surface, body)
         return picture
 
     def _color_of(self, number: int) -> Color:
         """Return the colour of a body by its number in the clouds."""
-        name = self._numbers.get(number)
-        if name is None and number < len(self._names) and not self._numbers:
-            name = self._names[number]
-        return self._colors.get(name or '', _palette(number))
+        return self._colors.get(self._name_of(number), _palette(number))
+
+    def _name_of(self, number: int) -> str:
+        """Return the name of a body by its number in the clouds, '' if it is not known."""
+        if number < len(self._names) and not self._numbers:
+            return self._names[number]
+        return self._numbers.get(number, '')
 
     def _largest(self, values: np.ndarray, coloring: str) -> float:
         """Return the end of the legend: a round number above the recent values."""
@@ -310,6 +346,7 @@ class Viewer(Node):
         obstacles = [name for name in values.get('obstacles', []) if name]
         self._panel.describe(shown, values, self._names, obstacles)
         self._colors = {name: _rgba(values.get(f'{name}.color')) for name in self._names}
+        self._plots.time_scale = values.get('time_scale', 1.0)
         self._draw()
 
     def changed(self, name: str, value: Any) -> None:
@@ -319,6 +356,8 @@ class Viewer(Node):
         if rest == 'color' and body in self._names:
             self._colors[body] = _rgba(value)
             self._draw()
+        if name == 'time_scale':
+            self._plots.time_scale = value
         # other parameters come and go with them
         self._is_outdated |= name in ('bodies', 'obstacles')
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 import struct
 from typing import Any
 
@@ -15,7 +16,7 @@ from visualization_msgs.msg import Marker
 
 from softbody_ros.core import Embedding, compiled
 from softbody_ros.core.geometry import mesh
-from softbody_ros.core.geometry.mesh import vertex_normals
+from softbody_ros.core.geometry.shading import Shading, shading
 from softbody_ros.ros.cdr import CdrReader
 from softbody_ros.ros.messages import NUMBER_IN_POINTS, POINT_FIELDS, POINT_TYPE
 
@@ -34,6 +35,9 @@ PALETTE = (
 """Colours of bodies without a colour parameter."""
 
 
+LATER_FIELDS = {'pressure', 'permanent_strain'}
+"""Fields of the clouds that those of the first releases lack."""
+
 Color = tuple[int, int, int, int]
 
 
@@ -43,12 +47,13 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True)
 class Frame:
-    """All particles at one time: positions (n, 3), displacement, pressure and body (n,)."""
+    """All particles at one time: positions (n, 3), and what each has besides, (n,)."""
 
     frame_id: str
     positions: np.ndarray
     displacement: np.ndarray
     pressure: np.ndarray
+    permanent_strain: np.ndarray
     body: np.ndarray
 
 
@@ -56,7 +61,7 @@ def frame(cloud: Any) -> Frame:
     """
     Decode a sensor_msgs/PointCloud2 of `~/points`.
 
-    Recordings of release 0.1.0 have no pressure: there it is 0.
+    Recordings of earlier releases have no pressure or permanent strain: there it is 0.
 
     Raises
     ------
@@ -70,8 +75,8 @@ def frame(cloud: Any) -> Frame:
         for item in cloud.fields
         if item.datatype == kinds.get(item.name, PointField.FLOAT32)
     }
-    if 'pressure' not in offsets:
-        del kinds['pressure']
+    for name in LATER_FIELDS - offsets.keys():
+        del kinds[name]
     missing = [name for name in kinds if name not in offsets]
     if missing:
         raise FrameError(f'the cloud is not one of ~/points: it lacks {", ".join(missing)}')
@@ -92,9 +97,17 @@ def frame(cloud: Any) -> Frame:
         raise FrameError(f'the cloud is cut off: {len(cloud.data)} bytes for {count} points')
     records = np.frombuffer(cloud.data, layout, count)
     positions = np.stack([records['x'], records['y'], records['z']], axis=-1)
-    pressure = records['pressure'] if 'pressure' in kinds else np.zeros(count, np.float32)
+    pressure, strain = (
+        records[name] if name in kinds else np.zeros(count, np.float32)
+        for name in ('pressure', 'permanent_strain')
+    )
     return Frame(
-        cloud.header.frame_id, positions, records['displacement'], pressure, records['body']
+        cloud.header.frame_id,
+        positions,
+        records['displacement'],
+        pressure,
+        strain,
+        records['body'],
     )
 
 
@@ -114,11 +127,10 @@ class Surface:
     vertices: np.ndarray
     faces: np.ndarray
 
-    def normals(self, positions: np.ndarray) -> np.ndarray:
-        """Return the normals (n, 3) of the vertices at positions (n, 3), weighted by area."""
-        sums = vertex_normals(positions, self.faces)
-        lengths = np.sqrt(np.einsum('ij,ij->i', sums, sums))
-        return sums / np.maximum(lengths, 1e-30)[:, None]
+    @cached_property
+    def shading(self) -> Shading:
+        """How it is shaded: edges that turn by more than 50° at rest stay sharp."""
+        return shading(self.vertices, self.faces)
 
     def is_where(self, other: Surface | None) -> bool:
         """Whether another surface has nearly the same bounding box; false without one."""
@@ -273,18 +285,21 @@ class Picture:
         if not self._carried:
             return frame
         places = [frame.positions[self._plain]]
-        displacements, pressures = [frame.displacement[self._plain]], [frame.pressure[self._plain]]
         for particles, embedding in self._carried:
             places.append(embedding.positions(frame.positions[particles]).astype(np.float32))
-            displacements.append(embedding.values(frame.displacement[particles]))
-            pressures.append(embedding.values(frame.pressure[particles]))
         return Frame(
             frame.frame_id,
             np.concatenate(places),
-            np.concatenate(displacements),
-            np.concatenate(pressures),
+            self._carry(frame.displacement),
+            self._carry(frame.pressure),
+            self._carry(frame.permanent_strain),
             self.body,
         )
+
+    def _carry(self, values: np.ndarray) -> np.ndarray:
+        """Return values (k,) at the vertices of what is drawn, of those at the particles (n,)."""
+        carried = [embedding.values(values[particles]) for particles, embedding in self._carried]
+        return np.concatenate([values[self._plain], *carried])
 
 
 def _restricted(surface: Surface, vertices: np.ndarray) -> Surface:
@@ -298,7 +313,12 @@ def _restricted(surface: Surface, vertices: np.ndarray) -> Surface:
 
 @dataclass(frozen=True)
 class Part:
-    """The bodies of one colour: their particles (k,), and triangles (m, 3) among these."""
+    """
+    The bodies of one colour: their particles (k,), and triangles (m, 3) among these.
+
+    A particle on a crease is there several times: what is shown is smooth across edges that share
+    their vertices.
+    """
 
     color: Color
     particles: np.ndarray
@@ -322,11 +342,12 @@ def parts(surface: Surface, body: np.ndarray, colors: Mapping[int, Color]) -> li
     distinct = list(dict.fromkeys(colors[number] for number in numbers.tolist()))
     color_of = np.array([distinct.index(colors[number]) for number in numbers.tolist()], int)
     result = []
+    origin, corners = surface.shading.origin, surface.shading.faces
     for index, color in enumerate(distinct):
-        mine = color_of[index_of] == index
+        mine = color_of[index_of[origin]] == index
         renumbered = np.cumsum(mine) - 1
-        faces = renumbered[surface.faces[mine[surface.faces[:, 0]]]]
-        result.append(Part(color, np.flatnonzero(mine), faces.astype(np.uint32)))
+        faces = renumbered[corners[mine[corners[:, 0]]]]
+        result.append(Part(color, origin[mine], faces.astype(np.uint32)))
     return result
 
 

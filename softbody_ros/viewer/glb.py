@@ -6,11 +6,10 @@ from __future__ import annotations
 
 import json
 import struct
+from typing import Any
 
 import numpy as np
 import trimesh
-
-from softbody_ros.viewer.decoding import Surface
 
 
 class ColoredFile:
@@ -19,17 +18,33 @@ class ColoredFile:
 
     trimesh writes it once, which takes ten times as long as replacing them. The bounds in the file
     remain those of the first vertices: viser computes them itself.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        the first ones, m
+    faces : (m, 3) int
+    opacity : float
+        1 is opaque
+
     """
 
-    def __init__(self, surface: Surface) -> None:
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, opacity: float = 1.0) -> None:
         mesh = trimesh.Trimesh(
-            surface.vertices,
-            surface.faces,
-            vertex_normals=surface.normals(surface.vertices),
-            vertex_colors=np.full((len(surface.vertices), 4), 255, np.uint8),
+            vertices,
+            faces,
+            vertex_normals=np.ones_like(vertices),
+            vertex_colors=np.full((len(vertices), 4), 255, np.uint8),
             process=False,
         )
-        data = mesh.export(file_type='glb')
+
+        def see_through(tree: dict[str, Any]) -> None:
+            if opacity < 1.0:
+                color = {'baseColorFactor': [1.0, 1.0, 1.0, opacity]}
+                tree['materials'] = [{'alphaMode': 'BLEND', 'pbrMetallicRoughness': color}]
+                tree['meshes'][0]['primitives'][0]['material'] = 0
+
+        data = mesh.export(file_type='glb', tree_postprocessor=see_through)
         assert isinstance(data, bytes)
         self._bytes = bytearray(data)
         # a header of 12 bytes, then chunks of length, type and data: JSON, binary

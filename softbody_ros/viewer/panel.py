@@ -18,9 +18,11 @@ from softbody_ros.viewer.decoding import COLORS
 from softbody_ros.viewer.widgets import Field, Section
 
 BY_BODY, BY_DISPLACEMENT, BY_PRESSURE = 'body', 'displacement', 'pressure'
+BY_STRAIN = 'permanent strain'
 UNITS = {
     BY_DISPLACEMENT: ((1.0, 'm'), (1e-2, 'cm'), (1e-3, 'mm')),
     BY_PRESSURE: ((1e6, 'MPa'), (1e3, 'kPa'), (1.0, 'Pa')),
+    BY_STRAIN: ((1e-2, '%'),),
 }
 """Units of the legend."""
 SETTLED = 1.0
@@ -72,11 +74,17 @@ class Panel:
             ),
         }
         self._coloring = gui.add_dropdown(
-            'colour by', (BY_BODY, BY_DISPLACEMENT, BY_PRESSURE),
+            'colour by', (BY_BODY, BY_DISPLACEMENT, BY_PRESSURE, BY_STRAIN),
             hint='displacement: the distance from the rest shape, moved and turned to fit best; '
-            'pressure: of what touches, like a tactile skin',
+            'pressure: of what touches, like a tactile skin; '
+            'permanent strain: of the dents that stay (plasticity.creep)',
         )  # fmt: skip
         self._legend = gui.add_html('', visible=False)
+        self._forces = gui.add_checkbox(
+            'contact forces', False,
+            hint='arrows: red on bodies, where they are pressed; blue on obstacles, unless they '
+            'are the mirror image',
+        )  # fmt: skip
         self._poking = gui.add_html(POKING, visible=False)
         self.steerable(False)
 
@@ -88,15 +96,20 @@ class Panel:
     # ------------------------------------------------------------------------------------- status
     @property
     def coloring(self) -> str:
-        """By what to colour: BY_BODY, BY_DISPLACEMENT or BY_PRESSURE."""
+        """By what to colour: BY_BODY, BY_DISPLACEMENT, BY_PRESSURE or BY_STRAIN."""
         return self._coloring.value
+
+    @property
+    def shows_forces(self) -> bool:
+        """Whether forces of contacts are to be drawn."""
+        return self._forces.value
 
     def status(self, text: str) -> None:
         """Set the status text, in Markdown."""
         self._status.content = text
 
     def legend(self, most: float | None) -> None:
-        """Show the colour scale up to `most`, in m or Pa, or hide it."""
+        """Show the colour scale up to `most`, in the unit of what it is of, or hide it."""
         self._legend.visible = most is not None
         if most is not None:
             colors = ','.join('rgb({:.0f},{:.0f},{:.0f})'.format(*color) for color in COLORS)

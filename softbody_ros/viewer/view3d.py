@@ -22,6 +22,8 @@ GRID: dict[str, Any] = {
 }  # fmt: skip
 NO_COLOR = (200, 204, 212)
 """Colour of a marker without one."""
+TRANSLUCENT = 0.5
+"""Opacity of bodies that are to be seen through."""
 FAR = 1e9
 """Largest coordinate that is drawn, m."""
 
@@ -38,6 +40,7 @@ class View3D:
         self._file: ColoredFile | None = None
         self._obstacles: dict[tuple[str, int], tuple[Any, Any]] = {}
         self._added = 0
+        self._opacity = 1.0
         self._scene.set_up_direction('+z')
         self._scene.configure_environment_map('studio', environment_intensity=0.4)
         self._scene.configure_default_lights(True, cast_shadow=shadows)
@@ -46,15 +49,16 @@ class View3D:
 
     def _keep_shader(self) -> None:
         """
-        Add a tiny mesh that keeps the shader for vertex colours in use.
+        Add tiny meshes that keep the shaders for vertex colours in use.
 
-        The page recompiles that shader whenever the last mesh that uses it is replaced, which
-        takes longer than everything else: this one is never replaced.
+        The page recompiles such a shader whenever the last mesh that uses it is replaced, which
+        takes longer than everything else: these are never replaced.
         """
-        speck = Surface(1e-4 * np.eye(3), np.array([[0, 1, 2]]))
-        file = ColoredFile(speck)
+        corners = 1e-4 * np.eye(3)
         white = np.full((3, 4), 255, np.uint8)
-        self._scene.add_glb('/speck', file.filled(speck.vertices, np.eye(3), white))
+        for name, opacity in (('/speck', 1.0), ('/translucent_speck', TRANSLUCENT)):
+            file = ColoredFile(corners, np.array([[0, 1, 2]]), opacity)
+            self._scene.add_glb(name, file.filled(corners, np.eye(3), white))
 
     # ------------------------------------------------------------------------------------- bodies
     def look_at(self, surface: Surface) -> None:
@@ -79,6 +83,16 @@ class View3D:
         self._parts = decoding.parts(surface, body, colors)
         self._file = None
         self._clear_bodies()
+
+    def see_through(self, is_wanted: bool) -> None:
+        """Let bodies be translucent, to show what is in them, or as they are."""
+        self._opacity, self._file = TRANSLUCENT if is_wanted else 1.0, None
+        for mesh, part in zip(self._meshes, self._parts, strict=False):
+            mesh.opacity = self._opacity_of(part)
+
+    def _opacity_of(self, part: Part) -> float | None:
+        opacity = min(part.color[3] / 255.0, self._opacity)
+        return opacity if opacity < 1.0 else None
 
     def _clear_bodies(self) -> None:
         for mesh in [*self._meshes, self._colored_mesh]:
@@ -108,7 +122,7 @@ class View3D:
                 positions[part.particles],
                 part.faces,
                 color=part.color[:3],
-                opacity=None if part.color[3] == 255 else part.color[3] / 255.0,
+                opacity=self._opacity_of(part),
                 side='double',
             )
             for index, part in enumerate(self._parts)
@@ -116,9 +130,13 @@ class View3D:
 
     def _show_colored(self, positions: np.ndarray, colors: np.ndarray) -> None:
         assert self._surface is not None
+        shading = self._surface.shading
         if self._file is None:
-            self._file = ColoredFile(self._surface)
-        data = self._file.filled(positions, self._surface.normals(positions), colors)
+            vertices = self._surface.vertices[shading.origin]
+            self._file = ColoredFile(vertices, shading.faces, self._opacity)
+        data = self._file.filled(
+            positions[shading.origin], shading.normals(positions), colors[shading.origin]
+        )
         if self._colored_mesh is None:
             self._clear_bodies()
             self._colored_mesh = self._scene.add_glb('/bodies/colored', data)

@@ -111,6 +111,11 @@ def beyond_limit(logarithm: float, largest_strain: float) -> float:
     return logarithm / math.log1p(largest_strain if logarithm > 0.0 else -largest_strain)
 
 
+def permanent_strains(stretch: np.ndarray) -> np.ndarray:
+    """Return the largest |σ − 1| of each of some plastic states (…, 3, 3)."""
+    return np.abs(np.linalg.eigvalsh(stretch) - 1.0).max(axis=-1)
+
+
 def largest_permanent_strain(stretch: np.ndarray) -> float:
     """Return the largest permanent strain |σ − 1| among plastic states (…, 3, 3)."""
-    return float(np.abs(np.linalg.eigvalsh(stretch) - 1.0).max())
+    return float(permanent_strains(stretch).max())

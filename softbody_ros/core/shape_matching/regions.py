@@ -94,6 +94,11 @@ class Regions:
         """Number of regions, K."""
         return len(self.mass)
 
+    def mean_at_particles(self, values: np.ndarray) -> np.ndarray:
+        """Return (N,) float: the weighted mean of values (K,) over each one's regions."""
+        shares = self.features[0] * np.repeat(values, np.diff(self.first))
+        return np.bincount(self.particle, shares, len(self.main_region))
+
     def records(self) -> np.ndarray:
         """Return the regions as (K,) REGION; members count from 0."""
         records = np.zeros(self.count, REGION)
