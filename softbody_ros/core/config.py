@@ -37,6 +37,8 @@ FRICTION_MODELS = ('viscous', 'coulomb')
 MASS_DISTRIBUTIONS = ('surface', 'volume')
 OBSTACLE_TYPES = ('plane', 'box', 'sphere', 'capsule', 'cylinder', 'mesh')
 NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
+LONGEST_NAME = 100
+"""Characters of a name: with it topics have at most 247, of which a namespace is to have some."""
 LARGEST = 1e6
 """Largest magnitude of a vector component: beyond it float64 loses the micrometre."""
 MOST_CHARACTERS, MOST_ITEMS = 80, 12
@@ -207,6 +209,20 @@ def unknown_name(name: str, known: Sequence[str]) -> str:
     return f'known are {", ".join(known[:MOST_ITEMS])}{more}'
 
 
+def require_usable_name(name: Any) -> None:
+    """Raise ConfigError if something is no name for a body or an obstacle."""
+    if not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
+        raise ConfigError(
+            f'the name {shown(name)} is not usable: begin with a letter and go on with letters, '
+            'digits and underscores (a-z, A-Z, 0-9, _)'
+        )
+    if len(name) > LONGEST_NAME:
+        raise ConfigError(
+            f'the name {shown(name)} has {len(name)} characters: at most {LONGEST_NAME} are '
+            'possible, shorten it'
+        )
+
+
 def require_distinct(names: Sequence[str]) -> None:
     """Raise ConfigError if a name occurs twice."""
     if len(set(names)) < len(names):
@@ -224,12 +240,7 @@ class Checked:
         return f'{name}.' if name else ''
 
     def __post_init__(self) -> None:
-        name = getattr(self, 'name', 'unnamed')
-        if not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
-            raise ConfigError(
-                f'the name {shown(name)} is not usable: begin with a letter and go on with '
-                'letters, digits and underscores'
-            )
+        require_usable_name(getattr(self, 'name', 'unnamed'))
         self._check(settings(self))
 
     def _check(self, chosen: Sequence[tuple[str, str, Setting]]) -> None:
@@ -432,10 +443,10 @@ class BodyConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # rclpy cannot tell the type of an empty list
+        # rclpy cannot tell the type of an empty list; each once: histories keep what is sent
         for field in ('pins_indices', 'attach_indices'):
-            indices = tuple(index for index in getattr(self, field) if index >= 0)
-            object.__setattr__(self, field, indices)
+            indices = dict.fromkeys(index for index in getattr(self, field) if index >= 0)
+            object.__setattr__(self, field, tuple(indices))
         self._check_attachment()
         if self.young_modulus > 0.0:
             self._check_modulus()

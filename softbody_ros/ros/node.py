@@ -83,7 +83,11 @@ class SimNode(Node):
         self._numbers: dict[str, int] = {}
         self._notes: tuple[str, ...] = ()
         self._robot: RobotLinks | None = None
-        self._parameters_of_scene.offer(self._stepper, self._use_parameters)
+        self._parameters_of_scene.offer(
+            self._stepper,
+            self._use_parameters,
+            lambda: self._robot.names if self._robot is not None else (),
+        )
         self._use_parameters()
         self._create_publishers()
         self._create_services()
