@@ -39,6 +39,7 @@ from softbody_ros.ros.command_line import CommandLine
 from softbody_ros.ros.contact_topics import ContactTopics
 from softbody_ros.ros.frames import Frames, tf_lookup
 from softbody_ros.ros.obstacle_markers import LATCHED, ObstacleMarkers
+from softbody_ros.ros.parameter_services import ParameterServices
 from softbody_ros.ros.publishers import Publishers
 from softbody_ros.ros.robot import DESCRIPTION, JOINT_STATES, RobotLinks
 from softbody_ros.ros.scene_parameters import SceneParameters
@@ -70,7 +71,13 @@ class SimNode(Node):
 
     def __init__(self, **node_arguments: Any) -> None:
         # names of parameters are checked by the scene
-        super().__init__(self.NAME, allow_undeclared_parameters=True, **node_arguments)
+        super().__init__(
+            self.NAME,
+            allow_undeclared_parameters=True,
+            start_parameter_services=False,
+            **node_arguments,
+        )
+        self._parameter_services = ParameterServices(self)
         self._parameters_of_scene = SceneParameters(self)
         self._world = World(self._scene.world)
         self._stepper = Stepper(self._world, {})

@@ -147,12 +147,16 @@ class SceneParameters:
     # ----------------------------------------------------------------------- requests of clients
     def _normalised(self, proposed: list[Parameter]) -> list[Parameter]:
         """Return values as they are declared: floats, typed empty lists, names in their order."""
-        return [
-            item
-            if self._is_own_change or item.name not in self._known
-            else Parameter(item.name, value=self._normal_value(item.name, item.value))
-            for item in proposed
-        ]
+        if self._is_own_change:
+            return proposed
+        result = []
+        for item in proposed:
+            if item.name in self._known:
+                value = self._normal_value(item.name, item.value)
+                # an empty list that stays has a type that its value does not tell
+                item = item if value is item.value else Parameter(item.name, value=value)
+            result.append(item)
+        return result
 
     def _normal_value(self, name: str, value: Any) -> Any:
         facts = self._known[name]
