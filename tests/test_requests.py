@@ -14,6 +14,8 @@ from rcl_interfaces.srv import (
 )
 from std_srvs.srv import Trigger
 
+from softbody_ros.scene import parameters
+
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 UNKNOWN_TYPES = [10, 77, 255]
@@ -75,6 +77,32 @@ def test_questions_about_unknown_parameters_are_answered(graph, name):
     result = graph.set_parameter(SIM, name, 1.0)
     assert result.successful == (name == 'nobody.mass')
     assert '\n' not in result.reason and len(result.reason) < 500
+
+
+def test_the_smallest_and_largest_values_of_each_setting_do_no_harm(graph):
+    sim = graph.sim_node(**SMALL)
+    table = parameters.table(parameters.SceneLists())
+    chosen = [
+        (name, facts)
+        for name, facts in table.items()
+        if isinstance(facts.default, float) and not facts.read_only
+    ]
+    assert len(chosen) > 25
+    refused = {}
+    for name, facts in chosen:
+        for value in (5e-324, 1e-300, facts.minimum, facts.maximum):
+            result = graph.set_parameter(SIM, name, value)
+            if not result.successful:
+                refused[name] = result.reason
+            assert 'failed' not in result.reason
+            assert sim._world.config == sim._scene.world
+        assert graph.set_parameter(SIM, name, facts.default).successful
+    assert (
+        'ball.young_modulus is 1e-300: it must be at least 0.001' in refused['ball.young_modulus']
+    )
+    graph.call(Trigger, f'{SIM}/reset')
+    graph.spin_until(lambda: sim._world.tick > 10)
+    assert not sim._failure
 
 
 def test_a_failure_in_the_node_is_an_answer_too(graph, monkeypatch):

@@ -39,6 +39,8 @@ OBSTACLE_TYPES = ('plane', 'box', 'sphere', 'capsule', 'cylinder', 'mesh')
 NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 LONGEST_NAME = 100
 """Characters of a name: with it topics have at most 247, of which a namespace is to have some."""
+LEAST = {'density': 1e-6, 'young_modulus': 1e-3}
+"""Least values of settings that are off at 0, kg/m³ and Pa: frequencies follow from them."""
 LARGEST = 1e6
 """Largest magnitude of a vector component: beyond it float64 loses the micrometre."""
 MOST_CHARACTERS, MOST_ITEMS = 80, 12
@@ -448,6 +450,12 @@ class BodyConfig(Checked):
             indices = dict.fromkeys(index for index in getattr(self, field) if index >= 0)
             object.__setattr__(self, field, tuple(indices))
         self._check_attachment()
+        for field, least in LEAST.items():
+            if 0.0 < getattr(self, field) < least:
+                raise ConfigError(
+                    f'{self.prefix}{field} is {getattr(self, field):g}: it must be at least '
+                    f'{least:g}, or 0, which is off'
+                )
         if self.young_modulus > 0.0:
             self._check_modulus()
         if 0 < self.simplify_to < FEWEST:
