@@ -14,6 +14,7 @@ from rcl_interfaces.srv import (
 )
 from std_srvs.srv import Trigger
 
+from softbody_ros.ros import scene_parameters
 from softbody_ros.scene import parameters
 
 SIM = '/softbody_sim'
@@ -103,6 +104,20 @@ def test_the_smallest_and_largest_values_of_each_setting_do_no_harm(graph):
     graph.call(Trigger, f'{SIM}/reset')
     graph.spin_until(lambda: sim._world.tick > 10)
     assert not sim._failure
+
+
+def test_what_is_kept_for_later_is_bounded(graph, monkeypatch):
+    monkeypatch.setattr(scene_parameters, 'LARGEST_START_VALUES', 1000)
+    sim = graph.sim_node(**SMALL)
+    assert graph.set_parameter(SIM, 'box.pins.indices', [0] * 600).successful
+    for name, value in [('bag.pins.indices', [0] * 600), ('bag.mesh', 'x' * 600)]:
+        refused = graph.set_parameter(SIM, name, value)
+        assert not refused.successful
+        assert 'that are not there would have 1200 numbers and characters' in refused.reason
+        assert not sim.has_parameter(name)
+    assert graph.set_parameter(SIM, 'box.pins.indices', [0] * 900).successful
+    assert graph.set_parameter(SIM, 'bodies', ['ball', 'box']).successful
+    assert graph.set_parameter(SIM, 'bag.pins.indices', [0] * 600).successful
 
 
 def test_a_failure_in_the_node_is_an_answer_too(graph, monkeypatch):
