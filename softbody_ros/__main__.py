@@ -24,9 +24,17 @@ def main() -> int:
         print(help_text())
         return 0
 
+    from softbody_ros.ros.command_line import UsageError, read
+
+    try:
+        command = read(sys.argv[1:])
+    except UsageError as error:
+        print('softbody_sim:', error, file=sys.stderr)
+        return 1
+
     from softbody_ros.ros.node import run
 
-    return run(stop)
+    return run(command, stop)
 
 
 if __name__ == '__main__':

@@ -592,6 +592,54 @@ def test_large_actions_are_forgotten_before_the_memory_is_full():
     assert history.nbytes < MEBIBYTE
 
 
+def with_pins(stepper, random):
+    body = stepper.config.bodies[0]
+    count = stepper.world.rest_shape(body.name).surface_count
+    pins = random.permutation(count)[: count // 2]
+    other = dataclasses.replace(body, pins_indices=pins)
+    stepper.configure(dataclasses.replace(stepper.config, bodies=(other,)))
+    return pins
+
+
+def test_long_lists_of_parameters_count_in_the_memory():
+    random = np.random.default_rng(1)
+    stepper = stepper_of(WorldConfig(bodies=(ball(subdivisions=3),)), memory=0.0)
+    for _ in range(750):
+        pins = with_pins(stepper, random)
+    config = stepper.config.bodies[0]
+    assert config.pins_indices == tuple(pins)
+    kept = stepper.history.rewind(stepper.world, 10)
+    each = 36 * len(pins)  # bytes of integers in a tuple
+    assert 100 < len(kept) < LEAST_ACTION_BYTES / each < 750
+    doubled = dataclasses.replace(config, pins_indices=(*pins, *pins, -1))
+    assert doubled == config  # each once
+
+
+def test_pins_count_in_the_memory_of_the_snapshots_that_have_them():
+    random = np.random.default_rng(1)
+    stepper = stepper_of(WorldConfig(bodies=(ball(subdivisions=3),)), memory=2.0)
+    for tick in range(60, 60 * 200, 60):
+        with_pins(stepper, random)
+        go_to(stepper, tick / 240)
+    snapshots = [checkpoint.snapshot for checkpoint in stepper.history._checkpoints]
+    pins = {id(snapshot.bodies[0].pins) for snapshot in snapshots[1:]}
+    assert len(pins) == len(snapshots) - 1 > 3
+    rest = snapshots[-1].bodies[0].pins.rest
+    arrays = [rest.weights, rest.q, rest.areas]
+    states = len(snapshots) * snapshots[-1].nbytes
+    assert states + len(pins) * sum(array.nbytes for array in arrays) < 2.0 * MEBIBYTE
+
+
+def test_pins_that_stay_count_once():
+    random, stepper = np.random.default_rng(1), stepper_of(memory=1024.0)
+    with_pins(stepper, random)
+    go_to(stepper, 1.0)
+    begin = stepper.history.nbytes
+    go_to(stepper, 6.0)
+    added = [checkpoint.snapshot for checkpoint in stepper.history._checkpoints[-20:]]
+    assert stepper.history.nbytes - begin == sum(snapshot.nbytes for snapshot in added)
+
+
 def test_small_actions_are_remembered_without_memory():
     world = World(WorldConfig(bodies=(ball(),)))
     history = History(world, 0.0)

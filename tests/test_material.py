@@ -235,3 +235,20 @@ def test_small_things_behave():
     world.step(round(14.0 / world.config.time_step))
     for name in world.names:
         assert np.abs(world.velocities(name)).max() < 1e-3, name
+
+
+@pytest.mark.parametrize(('setting', 'least'), [('density', 1e-6), ('young_modulus', 1e-3)])
+def test_values_from_which_no_frequency_follows_are_refused(setting, least):
+    for value in (5e-324, 1e-200, 0.9 * least):
+        with pytest.raises(ConfigError) as refusal:
+            BodyConfig(**{setting: value})
+        assert f'{setting} is {value:g}: it must be at least {least:g}, or 0, which is off' in str(
+            refusal.value
+        )
+    other = {'density': 'young_modulus', 'young_modulus': 'density'}[setting]
+    for value in (least, 1e5):
+        for beside in (0.0, 1e-3, 1e5):
+            body = BodyConfig(subdivisions=1, **{setting: value, other: beside})
+            world = World(WorldConfig(bodies=(body,), obstacles=()))
+            world.step(20)
+            assert world.material(body.name).frequency > 0.0

@@ -153,15 +153,44 @@ def test_malformed_requests_do_not_end_it(graph):
         if parameter.name == 'use_sim_time':
             value.bool_value = False
         future = client.call_async(SetParameters.Request(parameters=[parameter]))
-        if value.type < 10:
-            graph.spin_until(future.done)
+        graph.spin_until(future.done)
     assert graph.call(Trigger, f'{SIM}/reset').success
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
     graph.spin_until(lambda: clouds)
     assert process.poll() is None
     code, _, errors = finish(process, signal.SIGINT)
     assert code == 0
-    assert 'a callback failed and is ignored' in errors
+    assert 'failed' not in errors
+
+
+FAILING = """
+import threading
+import rclpy
+from softbody_ros.ros.spinning import spin
+
+rclpy.init()
+node, stop, calls = rclpy.create_node('failing'), threading.Event(), []
+
+def fail():
+    calls.append(None)
+    if len(calls) == 3:
+        stop.set()
+    raise RuntimeError('on purpose')
+
+node.create_timer(0.01, fail)
+spin(node, stop)
+print(len(calls))
+"""
+
+
+def test_a_callback_that_fails_does_not_end_a_command(graph):
+    environment = os.environ | {'ROS_DOMAIN_ID': str(graph.domain)}
+    run = subprocess.run(
+        [sys.executable, '-c', FAILING], env=environment, capture_output=True, text=True
+    )
+    assert (run.returncode, run.stdout) == (0, '3\n'), run.stderr
+    assert 'a callback failed and is ignored: RuntimeError: on purpose' in run.stderr
+    assert 'Traceback' not in run.stderr
 
 
 # --------------------------------------------------------------------------------------- bad start

@@ -68,6 +68,10 @@ class Scene:
         self.simulation = Simulation(self.stepper, self, self.pause, lambda: self.stepper.reset(0))
         self.world.step(24)
 
+    @property
+    def taken(self):
+        return {'world', *self.values['bodies'], *self.values['obstacles']}
+
     def request(self, values):
         """Set parameters as the node does."""
         values = self.values | values

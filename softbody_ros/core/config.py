@@ -38,6 +38,10 @@ FRICTION_MODELS = ('viscous', 'coulomb')
 MASS_DISTRIBUTIONS = ('surface', 'volume')
 OBSTACLE_TYPES = ('plane', 'box', 'sphere', 'capsule', 'cylinder', 'mesh')
 NAME_PATTERN = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
+LONGEST_NAME = 100
+"""Characters of a name: with it topics have at most 247, of which a namespace is to have some."""
+LEAST = {'density': 1e-6, 'young_modulus': 1e-3}
+"""Least values of settings that are off at 0, kg/m³ and Pa: frequencies follow from them."""
 LARGEST = 1e6
 """Largest magnitude of a vector component: beyond it float64 loses the micrometre."""
 MOST_CHARACTERS, MOST_ITEMS = 80, 12
@@ -208,6 +212,20 @@ def unknown_name(name: str, known: Sequence[str]) -> str:
     return f'known are {", ".join(known[:MOST_ITEMS])}{more}'
 
 
+def require_usable_name(name: Any) -> None:
+    """Raise ConfigError if something is no name for a body or an obstacle."""
+    if not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
+        raise ConfigError(
+            f'the name {shown(name)} is not usable: begin with a letter and go on with letters, '
+            'digits and underscores (a-z, A-Z, 0-9, _)'
+        )
+    if len(name) > LONGEST_NAME:
+        raise ConfigError(
+            f'the name {shown(name)} has {len(name)} characters: at most {LONGEST_NAME} are '
+            'possible, shorten it'
+        )
+
+
 def require_distinct(names: Sequence[str]) -> None:
     """Raise ConfigError if a name occurs twice."""
     if len(set(names)) < len(names):
@@ -225,12 +243,7 @@ class Checked:
         return f'{name}.' if name else ''
 
     def __post_init__(self) -> None:
-        name = getattr(self, 'name', 'unnamed')
-        if not (isinstance(name, str) and NAME_PATTERN.fullmatch(name)):
-            raise ConfigError(
-                f'the name {shown(name)} is not usable: begin with a letter and go on with '
-                'letters, digits and underscores'
-            )
+        require_usable_name(getattr(self, 'name', 'unnamed'))
         self._check(settings(self))
 
     def _check(self, chosen: Sequence[tuple[str, str, Setting]]) -> None:
@@ -465,11 +478,17 @@ class BodyConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # rclpy cannot tell the type of an empty list
+        # rclpy cannot tell the type of an empty list; each once: histories keep what is sent
         for field in ('pins_indices', 'attach_indices'):
-            indices = tuple(index for index in getattr(self, field) if index >= 0)
-            object.__setattr__(self, field, indices)
+            indices = dict.fromkeys(index for index in getattr(self, field) if index >= 0)
+            object.__setattr__(self, field, tuple(indices))
         self._check_attachment()
+        for field, least in LEAST.items():
+            if 0.0 < getattr(self, field) < least:
+                raise ConfigError(
+                    f'{self.prefix}{field} is {getattr(self, field):g}: it must be at least '
+                    f'{least:g}, or 0, which is off'
+                )
         if self.young_modulus > 0.0:
             self._check_modulus()
         if 0 < self.simplify_to < FEWEST:

@@ -11,14 +11,16 @@ from typing import NamedTuple, TypeVar
 from weakref import WeakValueDictionary
 
 from softbody_ros.core.collision.obstacles import Obstacle
-from softbody_ros.core.config import BodyConfig, ObstacleConfig, WorldConfig
+from softbody_ros.core.config import BodyConfig, ObstacleConfig, WorldConfig, settings
 from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.geometry.mesh import PRIMITIVES, Surface
 from softbody_ros.core.shape_matching.regions import Regions
 from softbody_ros.core.shape_matching.rest_shape import RestShape
 
 BYTES = 1000
-"""Approximate memory of a config besides its items, and of one of these."""
+"""Approximate memory of a config besides its items, and of one of these without its lists."""
+BYTES_OF_INDEX = 40
+"""Of a Python integer in a tuple."""
 
 Item = TypeVar('Item', BodyConfig, ObstacleConfig)
 
@@ -117,6 +119,12 @@ def _source(mesh: str | Surface) -> tuple:
 
 def _division(config: BodyConfig) -> tuple[int, int]:
     return config.regions_count, config.regions_overlap
+
+
+def list_bytes(config: BodyConfig | ObstacleConfig) -> int:
+    """Return the approximate memory of the lists of indices in a config."""
+    lists = (getattr(config, field) for field, _, facts in settings(config) if facts.items)
+    return BYTES_OF_INDEX * sum(map(len, lists))
 
 
 def in_order(items: Iterable[Item], before: Iterable[Item]) -> tuple[Item, ...]:

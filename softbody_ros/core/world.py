@@ -53,6 +53,7 @@ from softbody_ros.core.prepared_config import (
     Shape,
     ShapeCache,
     in_order,
+    list_bytes,
     shared,
 )
 from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
@@ -87,6 +88,8 @@ START_STATE = (
 """Settings of a body that take effect on `reset` and `apply_initial_velocity`."""
 
 
+BYTES_OF_PARTICLE = 200
+"""Approximate memory of a rest shape, for each of its particles."""
 FILTERED = 3.0
 """Distance from bodies up to which the noise of points is filtered, in their radii."""
 
@@ -112,6 +115,19 @@ class Snapshot:
     def nbytes(self) -> int:
         """Bytes of memory."""
         return sum(state.nbytes for state in self.states) + self.inputs.nbytes
+
+    @property
+    def settings_nbytes(self) -> dict[int, int]:
+        """
+        Bytes of what only other settings replace, by `id`: lists of indices, and pins.
+
+        Snapshots between such changes share them.
+        """
+        sizes = {id(body.config): list_bytes(body.config) for body in self.bodies}
+        for body in self.bodies:
+            if body.pins is not None:
+                sizes[id(body.pins.rest)] = BYTES_OF_PARTICLE * body.pins.rest.particle_count
+        return {key: size for key, size in sizes.items() if size}
 
 
 class World:
@@ -606,9 +622,8 @@ class World:
             obstacles=shared(in_order(config.obstacles, base.obstacles), base.obstacles),
         )
         known = {_structure(item): item for item in base.items}
-        nbytes = BYTES * (
-            1 + sum(known.get(_structure(item)) is not item for item in config.items)
-        )
+        changed = [item for item in config.items if known.get(_structure(item)) is not item]
+        nbytes = BYTES * (1 + len(changed)) + sum(map(list_bytes, changed))
         shapes: dict[str, Shape] = {}
         for body in config.bodies:
             if known.get(_structure(body)) is body:
@@ -1529,7 +1544,7 @@ def _shape_of_body(body: Body) -> Shape:
 def _bytes_of(shape: Shape) -> int:
     """Return the approximate memory of a shape."""
     fine = 0 if shape.embedding is None else len(shape.embedding.visual.vertices)
-    return 200 * shape.rest.particle_count + 200 * fine
+    return BYTES_OF_PARTICLE * (shape.rest.particle_count + fine)
 
 
 def _regions_of(body: BodyConfig, rest: RestShape) -> Regions | None:

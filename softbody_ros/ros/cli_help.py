@@ -22,7 +22,7 @@ MOST_BODIES = 4
 """Bodies named in the message at the start; of more only the number is given."""
 
 HELP = """\
-usage: sim_node [--viewer] [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
+usage: sim_node [--viewer [--host IP] [--port N]] [--ros-args [-p NAME:=VALUE] [-r FROM:=TO] ...]
 
 Simulates soft bodies and publishes them, live: without arguments a ball that drops on a plane.
 With --viewer also runs `viewer`, a web page that shows and steers them. Stop it with Ctrl-C.

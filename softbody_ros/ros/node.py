@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cache
 import sys
@@ -22,7 +22,6 @@ from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
@@ -31,14 +30,17 @@ from softbody_ros.core.shape_matching.gains import damping_ratio
 from softbody_ros.core.warm_up import compile_ahead
 from softbody_ros.ros import cli_help, interfaces, messages, simulation_interfaces_node
 from softbody_ros.ros.body_frames import BodyFrames
+from softbody_ros.ros.command_line import CommandLine
 from softbody_ros.ros.contact_topics import ContactTopics
 from softbody_ros.ros.frames import Frames, tf_lookup
 from softbody_ros.ros.obstacle_markers import ObstacleMarkers
+from softbody_ros.ros.parameter_services import ParameterServices
 from softbody_ros.ros.publishers import Publishers, create_publisher
 from softbody_ros.ros.robot import RobotLinks
 from softbody_ros.ros.scene_parameters import SceneParameters
 from softbody_ros.ros.simulation_interfaces import Simulation
 from softbody_ros.ros.spinning import spin
+from softbody_ros.ros.start import NO_LOG_FILE, start_ros
 from softbody_ros.ros.subscribers import InputTopics
 from softbody_ros.ros.viewer_process import viewer_of
 from softbody_ros.scene.parameters import Scene
@@ -64,7 +66,13 @@ class SimNode(Node):
 
     def __init__(self, **node_arguments: Any) -> None:
         # names of parameters are checked by the scene
-        super().__init__(self.NAME, allow_undeclared_parameters=True, **node_arguments)
+        super().__init__(
+            self.NAME,
+            allow_undeclared_parameters=True,
+            start_parameter_services=False,
+            **node_arguments,
+        )
+        self._parameter_services = ParameterServices(self)
         self._parameters_of_scene = SceneParameters(self)
         self._world = World(self._scene.world)
         self._stepper = Stepper(self._world, {})
@@ -78,7 +86,11 @@ class SimNode(Node):
         self._numbers: dict[str, int] = {}
         self._notes: tuple[str, ...] = ()
         self._robot: RobotLinks | None = None
-        self._parameters_of_scene.offer(self._stepper, self._use_parameters)
+        self._parameters_of_scene.offer(
+            self._stepper,
+            self._use_parameters,
+            lambda: self._robot.names if self._robot is not None else (),
+        )
         self._use_parameters()
         self._create_publishers()
         self._create_services()
@@ -524,21 +536,14 @@ class _Counters:
     unsolved: int
 
 
-def run(stop: threading.Event) -> int:
+def run(command: CommandLine, stop: threading.Event) -> int:
     """Run the node until `stop` is set; an invalid scene is one sentence and exit code 1."""
-    arguments = [argument for argument in sys.argv if argument != '--viewer']
-    if len(arguments) > 1 and arguments[1] != '--ros-args':
-        print(
-            f'softbody_sim: the argument {arguments[1]} is unknown: give --viewer, or --ros-args '
-            'and what ROS is to read; see --help',
-            file=sys.stderr,
-        )
-        return 1
+    logger = get_logger(SimNode.NAME)
     try:
-        # rclpy's own handlers would shut the context down during a callback
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        problem = start_ros(command.for_ros)
+        if problem:
+            logger.warning(problem)
         # before the node exists: once discovered, it must answer at once
-        logger = get_logger(SimNode.NAME)
         if not compile_ahead(logger.info, logger.warning, stop.is_set):
             rclpy.try_shutdown()
             return 0
@@ -547,8 +552,14 @@ def run(stop: threading.Event) -> int:
         rclpy.try_shutdown()
         print('softbody_sim:', ' '.join(str(error).split()), file=sys.stderr)
         return 1
-    name = node.get_fully_qualified_name()
-    with viewer_of(name) if '--viewer' in sys.argv[1:] else nullcontext():
+    viewer: AbstractContextManager = nullcontext()
+    if command.for_viewer is not None:
+        arguments = command.for_viewer
+        if problem:  # said once
+            arguments = (*arguments, '--ros-args', NO_LOG_FILE)
+        name = node.get_fully_qualified_name()
+        viewer = viewer_of(name, arguments, stop, logger.warning)
+    with viewer:
         try:
             spin(node, stop)
         finally:

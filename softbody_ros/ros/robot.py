@@ -9,7 +9,7 @@ States are only noted when they come, and used once in each cycle of the node: o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 import time
@@ -151,6 +151,11 @@ class RobotLinks:
         if robot is not None and any(name in self._joints for name in robot.joints):
             self._heard_since = time.monotonic()
         self._changed(robot)
+
+    @property
+    def names(self) -> Collection[str]:
+        """Names of the links as obstacles."""
+        return self._robot.names.values() if self._robot is not None else ()
 
     def _say(self, topic: str, sentence: str) -> None:
         """Warn, once about the same thing."""

@@ -20,14 +20,19 @@ from softbody_ros.core import (
     ObstacleConfig,
     PreparedConfig,
 )
-from softbody_ros.core.config import Setting
+from softbody_ros.core.config import Setting, shown
 from softbody_ros.ros import messages
 from softbody_ros.scene import parameters
 from softbody_ros.scene.parameters import Scene, SceneLists
 from softbody_ros.timeline.stepper import Stepper
 
-MOST_START_VALUES = 10_000
-"""Largest number of values that are kept for bodies and obstacles that are not there."""
+MOST_START_VALUES, LARGEST_START_VALUES = 10_000, 1_000_000
+"""
+Largest number of values that are kept for bodies and obstacles that are not there, and of the
+numbers and characters in these.
+"""
+LONGEST_TOPIC = 247
+"""Characters with which the middleware takes the full name of a topic."""
 LISTS = ('bodies', 'obstacles')
 LOOKS = ('mesh', 'visual_mesh', 'color')
 """What the config of a world does not have as it was set."""
@@ -72,6 +77,9 @@ class SceneParameters:
         self._start_values: Values = {}
         self.values: Values = self._override_values()
         self.scene = parameters.make_scene(self.values)
+        self._links: Callable[[], Collection[str]] = tuple
+        for item in self.scene.world.items:
+            self._require_free(item.name)
         self._known: Mapping[str, Setting] = {}
         self._proposal: _Proposal | None = None
         self._is_own_change = False
@@ -107,9 +115,25 @@ class SceneParameters:
             )
         self._start_values = start_values
 
-    def offer(self, stepper: Stepper, changed: Callable[[], None]) -> None:
-        """Declare the parameters, and apply changes of them; `changed` is called after each."""
-        self._stepper, self._changed = stepper, changed
+    def offer(
+        self,
+        stepper: Stepper,
+        changed: Callable[[], None],
+        links: Callable[[], Collection[str]],
+    ) -> None:
+        """
+        Declare the parameters, and apply changes of them.
+
+        Parameters
+        ----------
+        stepper : Stepper
+        changed : callable
+            called after each change
+        links : callable
+            returns the names that links of a robot have, as obstacles
+
+        """
+        self._stepper, self._changed, self._links = stepper, changed, links
         self._declare(self.values, self.scene)
         self.settle()
         self.start = self.values
@@ -123,12 +147,16 @@ class SceneParameters:
     # ----------------------------------------------------------------------- requests of clients
     def _normalised(self, proposed: list[Parameter]) -> list[Parameter]:
         """Return values as they are declared: floats, typed empty lists, names in their order."""
-        return [
-            item
-            if self._is_own_change or item.name not in self._known
-            else Parameter(item.name, value=self._normal_value(item.name, item.value))
-            for item in proposed
-        ]
+        if self._is_own_change:
+            return proposed
+        result = []
+        for item in proposed:
+            if item.name in self._known:
+                value = self._normal_value(item.name, item.value)
+                # an empty list that stays has a type that its value does not tell
+                item = item if value is item.value else Parameter(item.name, value=value)
+            result.append(item)
+        return result
 
     def _normal_value(self, name: str, value: Any) -> Any:
         facts = self._known[name]
@@ -173,12 +201,11 @@ class SceneParameters:
                 start_values.pop(name, None)
             elif name in start_values or not self._node.has_parameter(name):
                 start_values[name] = parameters.start_value(name, value, self._known)
-        if len(start_values) > MOST_START_VALUES:
-            raise ConfigError(
-                f'there are values of {MOST_START_VALUES} parameters of bodies and obstacles that '
-                'are not there: delete some, or add these'
-            )
+        if any(name in start_values for name in given):
+            _require_room(start_values)
         new = {_owner(name) for name in known if known[name] is not present.get(name)}
+        for name in sorted(new):
+            self._require_free(name)
         taken = [name for name in start_values if _owner(name) in new]
         others = {name: start_values.pop(name) for name in taken}
         others |= {name: value for name, value in given.items() if name in known}
@@ -188,6 +215,27 @@ class SceneParameters:
         scene = parameters.make_scene(values)
         prepared = self._stepper.prepare(scene.world, self._new)
         return _Proposal(values, start_values, scene, prepared)
+
+    @property
+    def taken(self) -> Collection[str]:
+        """Names that nothing else can have."""
+        frame_id = self.scene.node.frame_id.lstrip('/')
+        return {*self.values['bodies'], *self.values['obstacles'], *self._links(), frame_id}
+
+    def _require_free(self, name: str) -> None:
+        """Raise ConfigError if this node cannot have topics of its own for something new."""
+        if name in self._links():
+            raise ConfigError(
+                f'the name {name} is that of a link of the robot, which has topics and a frame of '
+                'that name: choose another'
+            )
+        node = self._node.get_fully_qualified_name()
+        room = LONGEST_TOPIC - len(f'{node}/obstacle_contacts/')
+        if len(name) > room:
+            raise ConfigError(
+                f'the name {shown(name)} has {len(name)} characters, but topics of the node '
+                f'{shown(node)} have room for {max(room, 0)}: shorten it, or the namespace'
+            )
 
     def _use(self, _: list[Parameter]) -> None:
         if self._is_own_change:
@@ -316,6 +364,27 @@ class SceneParameters:
         if isinstance(item, BodyConfig) and color in looks:
             values[color] = looks[color]
         return values
+
+
+def _require_room(start_values: Values) -> None:
+    """Raise ConfigError if more is kept than anybody needs."""
+    if len(start_values) > MOST_START_VALUES:
+        raise ConfigError(
+            f'there are values of {MOST_START_VALUES} parameters of bodies and obstacles that '
+            'are not there: delete some, or add these'
+        )
+    size = sum(_size(value) for value in start_values.values())
+    if size > LARGEST_START_VALUES:
+        raise ConfigError(
+            f'parameters of bodies and obstacles that are not there would have {size} numbers '
+            f'and characters, at most {LARGEST_START_VALUES} are kept: delete some, or add these'
+        )
+
+
+def _size(value: Any) -> int:
+    if isinstance(value, list):
+        return sum(map(_size, value)) if isinstance(value[0], str) else len(value)
+    return len(value) if isinstance(value, str) else 1
 
 
 def _owner(name: str) -> str:

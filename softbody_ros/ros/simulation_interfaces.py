@@ -10,7 +10,7 @@ Only `simulation_interfaces_node` imports the messages.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import functools
 import math
@@ -97,6 +97,10 @@ class Scene(Protocol):
 
     values: Mapping[str, Any]
     start: Mapping[str, Any]
+
+    @property
+    def taken(self) -> Collection[str]:
+        """Names that nothing else can have."""
 
     def request(self, values: Mapping[str, Any]) -> None:
         """Set parameters in one request, or raise ConfigError or MeshError without effect."""
@@ -354,7 +358,7 @@ class Simulation:
             reason = f'position {list(pose[0])} is not within {LARGEST:g} m'
             return Outcome(INVALID_SPAWN_POSE, reason), ''
         values = self._scene.values
-        taken = [*values['bodies'], *values['obstacles'], *self._members]
+        taken = {*self._scene.taken, *self._members}
         try:
             resource = resources.read_resource(uri, text)
             entity = resources.make_entity(resource, name, may_rename, pose, taken)

@@ -19,8 +19,6 @@ import os
 from typing import Any, TypeVar
 
 from softbody_ros.core.config import (
-    MOST_CHARACTERS,
-    NAME_PATTERN,
     BodyConfig,
     Checked,
     ConfigError,
@@ -29,6 +27,7 @@ from softbody_ros.core.config import (
     WorldConfig,
     checked,
     require_distinct,
+    require_usable_name,
     setting,
     settings,
     shown,
@@ -180,6 +179,14 @@ OBSTACLE_TABLE = {dotted: facts for _, dotted, facts in settings(ObstacleConfig)
 """`Setting` of each parameter of a body, and of an obstacle, without the name of it."""
 
 
+RESERVED_NAMES = frozenset(FOREIGN_PREFIXES) | {
+    dotted.split('.')[0]
+    for config in (NodeConfig, WorldConfig, SceneLists)
+    for _, dotted, _ in settings(config)
+}
+"""Names of parameters, and of groups of these, that no body and no obstacle may have."""
+
+
 @dataclass(frozen=True)
 class Scene:
     """All parameter values, by config."""
@@ -207,12 +214,21 @@ def scene_lists(values: Mapping[str, Any]) -> SceneLists:
         value = values.get(dotted, facts.default)
         items = checked(dotted, () if value is None else value, facts)
         names[field] = tuple(name for name in items if name)
-    if 'robot' in names['bodies'] + names['obstacles']:
-        raise ConfigError(
-            "the name 'robot' is that of the parameters robot.links, …: choose another"
-        )
-    require_distinct([name for items in names.values() for name in items])
+    every = [name for items in names.values() for name in items]
+    for name in every:
+        require_free_name(name)
+    require_distinct(every)
     return SceneLists(**names)
+
+
+def require_free_name(name: str) -> None:
+    """Raise ConfigError if a body or an obstacle cannot have a name."""
+    require_usable_name(name)
+    if name in RESERVED_NAMES:
+        raise ConfigError(
+            f'the name {shown(name)} is that of parameters of the node: choose another, for '
+            f'example {name}_1'
+        )
 
 
 def known_values(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
@@ -229,7 +245,7 @@ def known_values(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
     Raises
     ------
     ConfigError
-        if `bodies` or `obstacles` is not a list of names, or one is used twice.
+        if `bodies` or `obstacles` is not a list of possible names, or one is used twice.
 
     """
     lists = scene_lists(given)
@@ -252,7 +268,7 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
     Raises
     ------
     ConfigError
-        if a name is unknown, a value invalid, or values contradict each other.
+        if a name is unknown or not possible, a value invalid, or values contradict each other.
 
     """
     lists = scene_lists(values)
@@ -276,8 +292,15 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
         _with_mesh_path(ObstacleConfig(name=name, **fields(ObstacleConfig, f'{name}.')))
         for name in lists.obstacles
     ]
+    node = NodeConfig(**fields(NodeConfig))
+    frame = node.frame_id.lstrip('/')  # as tf2 reads it
+    if frame in lists.bodies + lists.obstacles:
+        raise ConfigError(
+            f'the name {frame} is that of the frame of everything, frame_id: choose another for '
+            'the body or obstacle, or for the frame'
+        )
     return Scene(
-        node=NodeConfig(**fields(NodeConfig)),
+        node=node,
         world=WorldConfig(bodies=tuple(bodies), obstacles=tuple(obstacles), **fields(WorldConfig)),
         appearances={
             name: Appearance(name=name, **fields(Appearance, f'{name}.')) for name in lists.bodies
@@ -367,7 +390,7 @@ def start_value(name: str, value: Any, known: Collection[str]) -> Any:
 
 
 def _unknown(name: str, hint: str) -> str:
-    return f'unknown parameter {name[:MOST_CHARACTERS]}: {hint}'
+    return f'unknown parameter {shown(name)[1:-1]}: {hint}'
 
 
 def _what_is_wrong(name: str, known: Collection[str]) -> str:
@@ -378,7 +401,9 @@ def _what_is_wrong(name: str, known: Collection[str]) -> str:
         return unknown_name(name, list(known))
     if owner in owners:
         return unknown_name(name, [each for each in known if each.startswith(f'{owner}.')])
-    if not NAME_PATTERN.fullmatch(owner):
+    try:
+        require_free_name(owner)
+    except ConfigError:
         return f'{shown(owner)} cannot be the name of a body or an obstacle'
     # ball_2 beside ball is no slip of the hand
     others = [each for each in owners if _stem(each) != _stem(owner)]

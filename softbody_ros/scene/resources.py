@@ -16,7 +16,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
-from softbody_ros.core.config import LARGEST, NAME_PATTERN, in_brackets, settings, shown
+from softbody_ros.core.config import (
+    LARGEST,
+    LONGEST_NAME,
+    NAME_PATTERN,
+    in_brackets,
+    settings,
+    shown,
+)
 from softbody_ros.core.geometry.mesh import PRIMITIVES
 from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 from softbody_ros.scene import parameters
@@ -162,7 +169,9 @@ def _mesh(uri: str, file_name: str) -> Resource:
 
 def _stem(file_name: str) -> str:
     name = re.sub(r'\W', '_', os.path.splitext(file_name)[0], flags=re.ASCII)
-    return name if NAME_PATTERN.fullmatch(name) else f'thing_{name}'
+    name = name[: LONGEST_NAME // 2]  # a number, or the names of several bodies, may follow
+    is_possible = NAME_PATTERN.fullmatch(name) and name not in parameters.RESERVED_NAMES
+    return name if is_possible else f'thing_{name}'
 
 
 def _scene(given: dict[str, Any], file_name: str) -> Resource:
@@ -198,19 +207,15 @@ def make_entity(
     pose : Pose
         of the frame of the resource
     taken : collection of str
-        the names of bodies and obstacles that are there
+        names that are not free
 
     Raises
     ------
     ResourceError
 
     """
-    if name and not NAME_PATTERN.fullmatch(name):
-        raise ResourceError(
-            Problem.NAME,
-            f'the name {shown(name)} is not usable: begin with a letter and go on with letters, '
-            'digits and underscores',
-        )
+    if name:
+        _require_free(name)
     if resource.is_mesh and not name and not may_rename:
         raise ResourceError(Problem.NAME, 'a mesh has no name: give one, or allow renaming')
     for candidate in _candidates(resource, name, may_rename):
@@ -223,6 +228,8 @@ def make_entity(
             Problem.NAME_TAKEN,
             f'the name {clash[0]} is that of something else: give another, or allow renaming',
         )
+    for each in new.values():
+        _require_free(each)
     values = _placed(resource, new, pose)
     return Entity(
         candidate or next(iter(new.values())),
@@ -230,6 +237,13 @@ def make_entity(
         tuple(new[each] for each in resource.obstacles),
         values,
     )
+
+
+def _require_free(name: str) -> None:
+    try:
+        parameters.require_free_name(name)
+    except ConfigError as error:
+        raise ResourceError(Problem.NAME, str(error)) from None
 
 
 def _candidates(resource: Resource, name: str, may_rename: bool) -> Iterator[str]:

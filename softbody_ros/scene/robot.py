@@ -27,7 +27,7 @@ import trimesh
 from softbody_ros.core import ConfigError, MeshError, ObstacleConfig, Surface
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.shapes import Shape, make_shape
-from softbody_ros.core.config import LARGEST, NAME_PATTERN, unknown_name
+from softbody_ros.core.config import LARGEST, LONGEST_NAME, NAME_PATTERN, unknown_name
 from softbody_ros.core.contact_forces import ContactWrench
 from softbody_ros.core.external_inputs import (
     ROBOT,
@@ -492,7 +492,8 @@ def _driven(
 # --------------------------------------------------------------------------------------- its links
 def _obstacle_name(link: str, taken: set[str]) -> str:
     """Return a name for the obstacles of a link that topics can have, and nothing else has."""
-    name = re.sub(r'[^A-Za-z0-9_]', '_', link)
+    # something may be added to it
+    name = re.sub(r'[^A-Za-z0-9_]', '_', link)[: LONGEST_NAME // 2]
     if not NAME_PATTERN.fullmatch(name):
         name = f'link_{name}'
     if name in taken:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 from softbody_ros.core import Snapshot, World, WorldConfig
 
@@ -46,6 +47,16 @@ class Checkpoint:
     def tick(self) -> int:
         """The tick of the snapshot."""
         return self.snapshot.tick
+
+    @cached_property
+    def nbytes(self) -> int:
+        """Bytes of memory that only this takes."""
+        return self.snapshot.nbytes
+
+    @cached_property
+    def settings_nbytes(self) -> dict[int, int]:
+        """Bytes of what it may share with others, by `id`: see `Snapshot`."""
+        return self.snapshot.settings_nbytes
 
 
 class History:
@@ -85,10 +96,15 @@ class History:
     @property
     def nbytes(self) -> int:
         """Bytes that the snapshots and the actions take."""
-        return (
-            sum(checkpoint.snapshot.nbytes for checkpoint in self._checkpoints)
-            + self._action_bytes
-        )
+        return self._checkpoint_bytes + self._action_bytes
+
+    @property
+    def _checkpoint_bytes(self) -> int:
+        own = sum(checkpoint.nbytes for checkpoint in self._checkpoints)
+        shared: dict[int, int] = {}
+        for checkpoint in self._checkpoints:
+            shared |= checkpoint.settings_nbytes
+        return own + sum(shared.values())
 
     @property
     def most_for_actions(self) -> float:
@@ -107,7 +123,7 @@ class History:
         every = max(round(INTERVAL / world.config.time_step), 1)
         if world.tick % every or world.tick <= self._checkpoints[-1].tick:
             return
-        if self.memory <= self._checkpoints[0].snapshot.nbytes:
+        if self.memory <= self._checkpoints[0].nbytes:
             return
         self._checkpoints.append(Checkpoint(world.snapshot(), world.config))
         self._thin_out()
@@ -115,14 +131,13 @@ class History:
     def _thin_out(self) -> None:
         """Drop the snapshots whose removal leaves the smallest gap relative to its age."""
         free = self.memory - min(self._action_bytes, 0.5 * self.memory)
-        excess, now = self.nbytes - self._action_bytes - free, self._checkpoints[-1].tick
-        while excess > 0 and len(self._checkpoints) > 2:
+        now = self._checkpoints[-1].tick
+        while len(self._checkpoints) > 2 and self._checkpoint_bytes > free:
             gaps = [
                 (after.tick - before.tick) / (now - before.tick)
                 for before, after in zip(self._checkpoints, self._checkpoints[2:], strict=False)
             ]
-            checkpoint = self._checkpoints.pop(1 + gaps.index(min(gaps)))
-            excess -= checkpoint.snapshot.nbytes
+            self._checkpoints.pop(1 + gaps.index(min(gaps)))
 
     def rewind(self, world: World, tick: int) -> deque[LoggedAction]:
         """

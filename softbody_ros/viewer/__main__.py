@@ -72,14 +72,7 @@ def parser() -> argparse.ArgumentParser:
         '--node', default='/softbody_sim', type=_node_name, metavar='NAME',
         help='the node to show: its full name [%(default)s]',
     )  # fmt: skip
-    result.add_argument(
-        '--host', default='127.0.0.1', type=_address, metavar='ADDRESS',
-        help='the address to serve at; 127.0.0.1 is this machine only [%(default)s]',
-    )  # fmt: skip
-    result.add_argument(
-        '--port', default=8080, type=_port,
-        help='its port; if it is taken, the next free one [%(default)s]',
-    )  # fmt: skip
+    add_address(result)
     result.add_argument(
         '--rate', default=30.0, type=_rate, metavar='HZ',
         help='pictures a second, at most [%(default)g]',
@@ -92,6 +85,18 @@ def parser() -> argparse.ArgumentParser:
         '--until-eof', action='store_true', help='end when the standard input ends'
     )
     return result
+
+
+def add_address(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that say where the page is served."""
+    parser.add_argument(
+        '--host', default='127.0.0.1', type=_address, metavar='ADDRESS',
+        help='the address to serve at; 127.0.0.1 is this machine only [%(default)s]',
+    )  # fmt: skip
+    parser.add_argument(
+        '--port', default=8080, type=_port,
+        help='its port; if it is taken, the next free one [%(default)s]',
+    )  # fmt: skip
 
 
 def _node_name(text: str) -> str:

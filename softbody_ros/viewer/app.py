@@ -21,7 +21,6 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
@@ -31,6 +30,7 @@ from visualization_msgs.msg import MarkerArray
 
 from softbody_ros.core.config import NAME_PATTERN
 from softbody_ros.ros.spinning import spin
+from softbody_ros.ros.start import start_ros
 from softbody_ros.viewer import decoding, widgets
 from softbody_ros.viewer.decoding import Color, Frame, FrameError, Picture, Surface
 from softbody_ros.viewer.force_arrows import ForceArrows
@@ -451,8 +451,11 @@ def run(options: argparse.Namespace, ros_arguments: list[str], stop: threading.E
         return 1
     node = None
     try:
-        rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
+        problem = start_ros(ros_arguments)
         node = Viewer(server, options.node, options.rate, options.shadows)
+        if problem:
+            node.get_logger().warning(problem)
+        server.name_pages(f'{options.node} – softbody_ros')
         address = page_address(options.host, server.get_port())
         node.get_logger().info(f'open {address}; it shows {options.node}')
         spin(node, stop)

@@ -9,6 +9,7 @@ import contextlib
 import errno
 import io
 import ipaddress
+import json
 import logging
 import os
 import socket
@@ -16,6 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import viser
+from viser._messages import RunJavascriptMessage
 
 FOREIGN = 1008
 """Close code of a websocket that violates the policy (RFC 6455)."""
@@ -43,6 +45,13 @@ class PageServer(viser.ViserServer):
         assert connection.request is not None
         if not is_own_page(connection.request.headers, self._is_local):
             await connection.close(FOREIGN, 'only the page of this server may steer')
+
+    def name_pages(self, title: str) -> None:
+        """Let the tabs of browsers have a title."""
+        # viser has no public way to set it; this is sent to each page that connects
+        self.gui._websock_interface.queue_message(
+            RunJavascriptMessage(source=f'document.title = {json.dumps(title)};')
+        )
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Refuse to open a tunnel to a public address."""
