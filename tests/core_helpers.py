@@ -99,6 +99,34 @@ def bytes_of(world):
     )
 
 
+def assert_goes_on_bit_by_bit(world, ticks, meanwhile=lambda world: None, state=bytes_of):
+    """
+    Step a world, and from a snapshot of where it was again: bit by bit it must be the same.
+
+    Parameters
+    ----------
+    world : World
+        is left as it is after the steps
+    ticks : int
+        the steps
+    meanwhile : callable
+        what happens to the world between the steps and its restoration
+    state : callable
+        returns of a world what is compared
+
+    """
+    saved, then = world.snapshot(), state(world)
+    world.step(ticks)
+    later = state(world)
+    another = World(world.config)
+    meanwhile(world)
+    for each in (world, another):
+        each.restore(saved)
+        assert state(each) == then
+        each.step(ticks)
+        assert state(each) == later
+
+
 def centre(world, name='body'):
     """Return the centre of mass, (3,)."""
     return world.rest_shape(name).weights @ world.positions(name)

@@ -393,7 +393,7 @@ def assert_sentence(error):
     assert '\n' not in str(error)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.lists(any_marker(), max_size=4))
 def test_any_markers_leave_a_world_that_goes_on(markers):
     changes, problems = changes_of(*markers)
@@ -406,7 +406,7 @@ def test_any_markers_leave_a_world_that_goes_on(markers):
         assert np.isfinite(obstacle.position).all() and np.isfinite(obstacle.rotation).all()
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=500)
 @given(any_cloud())
 def test_any_cloud_is_read_or_refused(message):
     try:
@@ -419,7 +419,7 @@ def test_any_cloud_is_read_or_refused(message):
     assert points.points.shape == (seen, 3)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(TEXTS, st.tuples(*[FLOATS] * 6))
 def test_any_force_is_read_or_refused(frame_id, numbers):
     message = wrench_of(frame_id, numbers[:3], numbers[3:])

@@ -7,6 +7,7 @@ import math
 import pathlib
 import re
 
+from core_helpers import assert_goes_on_bit_by_bit, bytes_of
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -514,10 +515,7 @@ def test_a_snapshot_in_the_middle_of_an_approach_continues_bit_by_bit():
     world.step(60)
     move(world, robot, state_of(robot, {'grip': 0.047}, {'grip': -0.1}, approach=0.02), 0.5)
     world.step(2)
-    saved = world.snapshot()
-    ends = []
-    for _ in range(2):
-        world.step(60)
-        ends.append((world.positions('ball').tobytes(), world.obstacles[-1].position.tobytes()))
-        world.restore(saved)
-    assert ends[0] == ends[1]
+    assert_goes_on_bit_by_bit(
+        world, 20,
+        state=lambda world: (bytes_of(world), world.obstacles[-1].position.tobytes()),
+    )  # fmt: skip

@@ -90,7 +90,7 @@ def test_nothing_at_all_is_not_turned_inside_out():
     assert np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max() < 1e-14
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @example([[0.0] * 8 + [5e-324]])
 @given(
     strategies.lists(
