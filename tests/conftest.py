@@ -45,6 +45,13 @@ def compiled_ahead(tmp_path_factory: pytest.TempPathFactory) -> None:
         compile_ahead(print, print)
 
 
+@pytest.fixture(scope='session', autouse=True)
+def compiled_once(request: pytest.FixtureRequest) -> None:
+    """Let several workers find what each of them would compile otherwise."""
+    if 'PYTEST_XDIST_WORKER' in os.environ:
+        request.getfixturevalue('compiled_ahead')
+
+
 @pytest.fixture
 def graph(compiled_ahead: None) -> Iterator[Graph]:
     result = Graph()

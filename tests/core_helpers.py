@@ -10,6 +10,9 @@ import pytest
 import trimesh
 
 from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
+from softbody_ros.core.compiled import is_compiled
+
+many_points = pytest.mark.skipif(not is_compiled(), reason='too many points for plain Python')
 
 
 def cad_mesh(name):

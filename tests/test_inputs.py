@@ -24,6 +24,8 @@ from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.ros import message_parsing, messages
 from softbody_ros.ros.message_parsing import MOST_MARKERS, SHAPES, InputError
 
+pytestmark = pytest.mark.oldest
+
 README = (pathlib.Path(__file__).parent.parent / 'README.md').read_text()
 H = 1 / 240
 HUGE = sys.float_info.max

@@ -28,6 +28,8 @@ from softbody_ros.core.geometry.glb import CHUNK_HEADER, GLB_HEADER
 from softbody_ros.core.geometry.mesh_edges import edges_of
 from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 
+pytestmark = pytest.mark.oldest
+
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 
 

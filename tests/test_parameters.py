@@ -14,6 +14,8 @@ from softbody_ros.core.config import checked
 from softbody_ros.scene import parameters
 from softbody_ros.scene.parameters import SceneLists
 
+pytestmark = pytest.mark.oldest
+
 TABLE = parameters.table(SceneLists())
 
 

@@ -527,7 +527,10 @@ def test_pins_that_do_not_exist_are_refused(values, sentence):
 def test_pins_that_do_not_exist_change_nothing_at_run_time(values, sentence):
     ground = ObstacleConfig(position=(0.0, 0.0, -3.0))
     config = WorldConfig(
-        bodies=(body(BALL, name='ball', pins_indices=(0,)), body(BALL, name='b')),
+        bodies=(
+            body(BALL, name='ball', pins_indices=(0,)),
+            body(BALL, name='b', position=(5.0, 0.0, 0.0)),
+        ),
         obstacles=(ground,),
     )
     world, untouched = World(config), World(config)

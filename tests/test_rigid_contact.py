@@ -151,9 +151,10 @@ def move(world, speed, lift=0.0):
 
 @pytest.mark.parametrize('h', STEPS)
 @pytest.mark.parametrize('depth', [0.001, 0.01])
-def test_fingers_squeeze_a_rigid_ball_symmetrically_lift_and_release_it(depth, h):
-    ball = block(mesh='icosphere', size=0.05, subdivisions=3, mass=0.2, friction=0.8,
-                 position=(0.0, 0.0, 1.0))  # fmt: skip
+@pytest.mark.parametrize('subdivisions', [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_fingers_squeeze_a_rigid_ball_symmetrically_lift_and_release_it(subdivisions, depth, h):
+    ball = block(mesh='icosphere', size=0.05, subdivisions=subdivisions, mass=0.2,
+                 friction=0.8, position=(0.0, 0.0, 1.0))  # fmt: skip
     obstacles = (ObstacleConfig(name='table', type='box', size=(0.2, 0.2, 0.1),
                                 position=(0.0, 0.0, 0.85)), *fingers(0.051))  # fmt: skip
     world = World(WorldConfig(time_step=h, bodies=(ball,), obstacles=obstacles))

@@ -25,6 +25,8 @@ from softbody_ros.core import (
 from softbody_ros.core.links import FASTEST_CORRECTION
 from softbody_ros.scene.robot import Robot, RobotError, RobotState, move_robot, read_robot
 
+pytestmark = pytest.mark.oldest
+
 CONFIG = pathlib.Path(__file__).parent.parent / 'config'
 GRIPPER = (CONFIG / 'gripper.urdf').read_text()
 TURN = math.pi / 2

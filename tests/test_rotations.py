@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
 
+pytestmark = pytest.mark.oldest
+
 # as those of a compact body, of a part of a shell, of a sheet, and of something hardly inverted
 WELL_CONDITIONED = [
     (1.0, 1.0, 1.0),

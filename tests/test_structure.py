@@ -420,8 +420,8 @@ def test_what_comes_and_goes_many_times_leaves_no_bit_and_no_memory_behind():
 
     tracemalloc.start()
     try:
-        before = cycles(20)
-        assert cycles(100) - before < 100_000  # less than a BodyConfig for each
+        before = cycles(10)
+        assert cycles(40) - before < 40_000  # less than a BodyConfig for each
     finally:
         tracemalloc.stop()
     for each in (world, other):

@@ -17,6 +17,8 @@ from softbody_ros.ros import messages
 from softbody_ros.scene import parameters
 from softbody_ros.viewer import decoding, glb, server, widgets
 
+pytestmark = pytest.mark.oldest
+
 BALL = make_surface('icosphere', 0.5, 3)
 
 

@@ -36,6 +36,8 @@ from softbody_ros.core import (
     WorldConfig,
 )
 
+pytestmark = pytest.mark.oldest
+
 MODES = ('rigid', 'linear', 'quadratic')
 
 
