@@ -699,6 +699,21 @@ def test_a_glb_that_needs_an_extension_is_refused_with_the_cure(tmp_path, extens
     assert refusal(path).startswith(sentence)
 
 
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        (b'glTF\2\0', 'is cut off: export or copy it again'),
+        (GLB_HEADER.pack(b'glTF', 1, 20) + bytes(8), 'is glTF of version 1: export it as glTF 2'),
+        (glb_of({})[:-1] + b'[', 'cannot be read as GLB (its JSON is damaged): export it again'),
+        (glb_of([]), 'cannot be read as GLB (its JSON is damaged): export it again'),
+    ],
+)
+def test_a_damaged_glb_is_refused_by_what_is_wrong(tmp_path, content, sentence):
+    path = tmp_path / 'thing.glb'
+    path.write_bytes(content)
+    assert refusal(path).startswith(sentence)
+
+
 def test_a_glb_is_read_without_the_textures_that_cannot_be(tmp_path):
     path = tmp_path / 'part.glb'
     BOX.export(path)
