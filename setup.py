@@ -60,6 +60,7 @@ setup(
         'simplify': SIMPLIFY,
         'test': [
             'pytest>=7.4',
+            'pytest-xdist>=3.5',
             'hypothesis',
             # builds the workspace that a test runs as `ros2 run` would
             'colcon-common-extensions',

@@ -1,23 +1,56 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS graph of its own for each test, and kernels that are compiled before it."""
+"""A ROS graph of its own for each test, kernels compiled before it, and how hypothesis draws."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+import fcntl
 import os
 from typing import Any
 
+from hypothesis import HealthCheck, settings
 import pytest
 from ros_graph import Graph
 
+# the same examples each time, however long they take
+settings.register_profile(
+    'same',
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+settings.load_profile('same')
+
+MARKS = {'graph': pytest.mark.dds, 'browser': pytest.mark.browser}
+"""By the fixture that a test needs."""
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        for fixture in MARKS.keys() & getattr(item, 'fixturenames', ()):
+            item.add_marker(MARKS[fixture])
+
 
 @pytest.fixture(scope='session')
-def compiled_ahead() -> None:
+def compiled_ahead(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Compile everything, so that no process of a test has to, which would take long."""
     from softbody_ros.core.warm_up import compile_ahead
 
-    compile_ahead(print, print)
+    folder = tmp_path_factory.getbasetemp()
+    if 'PYTEST_XDIST_WORKER' in os.environ:  # one of them compiles, for all
+        folder = folder.parent
+    with open(folder / 'compiling', 'w') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        compile_ahead(print, print)
+
+
+@pytest.fixture(scope='session', autouse=True)
+def compiled_once(request: pytest.FixtureRequest) -> None:
+    """Let several workers find what each of them would compile otherwise."""
+    if 'PYTEST_XDIST_WORKER' in os.environ:
+        request.getfixturevalue('compiled_ahead')
 
 
 @pytest.fixture

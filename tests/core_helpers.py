@@ -10,6 +10,9 @@ import pytest
 import trimesh
 
 from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
+from softbody_ros.core.compiled import is_compiled
+
+many_points = pytest.mark.skipif(not is_compiled(), reason='too many points for plain Python')
 
 
 def cad_mesh(name):
@@ -97,6 +100,34 @@ def bytes_of(world):
     return b''.join(
         world.positions(name).tobytes() + world.velocities(name).tobytes() for name in world.names
     )
+
+
+def assert_goes_on_bit_by_bit(world, ticks, meanwhile=lambda world: None, state=bytes_of):
+    """
+    Step a world, and from a snapshot of where it was again: bit by bit it must be the same.
+
+    Parameters
+    ----------
+    world : World
+        is left as it is after the steps
+    ticks : int
+        the steps
+    meanwhile : callable
+        what happens to the world between the steps and its restoration
+    state : callable
+        returns of a world what is compared
+
+    """
+    saved, then = world.snapshot(), state(world)
+    world.step(ticks)
+    later = state(world)
+    another = World(world.config)
+    meanwhile(world)
+    for each in (world, another):
+        each.restore(saved)
+        assert state(each) == then
+        each.step(ticks)
+        assert state(each) == later
 
 
 def centre(world, name='body'):

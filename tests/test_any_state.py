@@ -10,7 +10,7 @@ from core_helpers import (
     rms_displacement,
     sheared_box,
 )
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 
@@ -54,18 +54,6 @@ FULL_SHAPES = {
 
 
 RANK_DEFICIENT = rank_deficient_shapes()
-
-
-def deterministic(examples):
-    """Return settings that draw the same examples each time, however long they take."""
-    return settings(
-        max_examples=examples,
-        derandomize=True,
-        deadline=None,
-        database=None,
-        phases=[Phase.explicit, Phase.generate],  # an example takes too long to be shrunk
-        suppress_health_check=[HealthCheck.too_slow],
-    )
 
 
 sizes = st.floats(-3.0, 2.0).map(lambda exponent: 10.0**exponent)
@@ -161,7 +149,7 @@ def assert_all_come_back(surface, size, material, pose, place, velocity, seed):
         assert min(orientation(world, name) for name in world.names) > 0.9
 
 
-@deterministic(12)
+@settings(max_examples=12)
 @given(
     st.sampled_from(sorted(RANK_DEFICIENT)), sizes, materials, seeds.map(random_rotation), places,
     directions, seeds,
@@ -173,7 +161,7 @@ def test_a_sheet_a_rod_or_a_box_left_alone_finds_its_shape_from_any_state(
     assert_all_come_back(surface, size, material, pose, place, size * velocity, seed)
 
 
-@deterministic(4)
+@settings(max_examples=4)
 @given(
     st.sampled_from(sorted(FULL_SHAPES)), sizes, materials, more, seeds.map(random_rotation), seeds
 )
@@ -192,7 +180,7 @@ def test_regions_and_dents_keep_any_state_finite_and_the_right_way_round(
         assert world.permanent_strain(name) <= extra.get('plasticity_max', 0.3) + 1e-9, case
 
 
-@deterministic(16)
+@settings(max_examples=16)
 @given(
     st.sampled_from(sorted(FULL_SHAPES)), sizes, materials, seeds.map(random_rotation), places,
     directions, seeds,
@@ -203,7 +191,7 @@ def test_a_body_left_alone_finds_its_shape_from_any_state(
     assert_all_come_back(FULL_SHAPES[shape], size, material, pose, place, size * velocity, seed)
 
 
-@deterministic(3)
+@settings(max_examples=3)
 @given(sizes, materials, seeds.map(random_rotation), seeds)
 def test_no_state_dropped_on_the_ground_leaves_the_finite_numbers(size, material, pose, seed):
     """Gravity is scaled with the body, so that what falls is as heavy for its size at any size."""

@@ -4,7 +4,7 @@
 
 import dataclasses
 
-from core_helpers import body, bytes_of, centre, floating
+from core_helpers import assert_goes_on_bit_by_bit, body, bytes_of, centre, floating
 import numpy as np
 import pytest
 from scene_files import ROOT
@@ -377,23 +377,21 @@ def test_a_snapshot_goes_on_bit_by_bit_with_what_was_held_then(mode):
     world.move_obstacle('cup', centre(world) + (0.0, 0.0, 0.15), None, (0.1, 0.0, 0.2))
     configured(world, attach_to='cup')
     world.step(20)
-    saved, config = world.snapshot(), world.config
-    world.step(30)
-    expected, wrench = bytes_of(world), world.pin_wrench('body')
-    particles = held(world)
-
-    world.restore(free)  # keeps the parameters: so it takes hold of what is in reach there
-    configured(world, attach_to='')
-    world.step(50)
-    assert held(world) == []
-    world.configure(config, lenient=True)
-    world.restore(saved)
-    assert held(world) == particles
-    for now, then in zip(world.pin_wrench('body'), saved.states[0].holding, strict=True):
+    config, (state,) = world.config, world.snapshot().states
+    for now, then in zip(world.pin_wrench('body'), state.holding, strict=True):
         assert np.array_equal(now, MASS * then)
-    world.step(30)
-    assert bytes_of(world) == expected
-    assert np.array_equal(world.pin_wrench('body')[0], wrench[0])
+
+    def let_go(world):
+        world.restore(free)  # keeps the parameters: so it takes hold of what is in reach there
+        configured(world, attach_to='')
+        world.step(50)
+        assert held(world) == []
+        world.configure(config, lenient=True)
+
+    assert_goes_on_bit_by_bit(
+        world, 30, let_go,
+        lambda world: (bytes_of(world), held(world), np.array(world.pin_wrench('body')).tobytes()),
+    )  # fmt: skip
 
 
 def test_a_body_can_be_added_with_what_holds_it():

@@ -28,7 +28,7 @@ from softbody_ros.core.geometry.shading import shading
 from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import read_scene
 
-pytestmark = pytest.mark.usefixtures('compiled_ahead')
+pytestmark = [pytest.mark.oldest, pytest.mark.usefixtures('compiled_ahead')]
 ROOT = pathlib.Path(__file__).parent.parent
 CONFIG = ROOT / 'config'
 SHEET = 'v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n'

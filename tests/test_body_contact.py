@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 
 from core_helpers import (
+    assert_goes_on_bit_by_bit,
     body,
     bytes_of,
     centre,
@@ -16,7 +17,7 @@ from core_helpers import (
     sheet,
     thin_bin,
 )
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -307,15 +308,10 @@ def test_a_crowd_keeps_its_momentum_and_angular_momentum():
 def test_a_crowd_that_is_saved_and_restored_goes_on_bit_by_bit():
     world = crowded(3, count=7)
     world.step(50)
-    middle = world.snapshot()
-    world.step(20)
-    expected = bytes_of(world)
-    world.restore(middle)
-    world.step(20)
-    assert bytes_of(world) == expected
+    assert_goes_on_bit_by_bit(world, 20)
     fresh = crowded(3, count=7)
     fresh.step(70)
-    assert bytes_of(fresh) == expected
+    assert bytes_of(fresh) == bytes_of(world)
 
 
 def test_bodies_that_do_not_meet_move_as_if_alone():
@@ -509,14 +505,7 @@ fuzz_bodies = st.fixed_dictionaries(
 )
 
 
-@settings(
-    max_examples=10,
-    derandomize=True,
-    deadline=None,
-    database=None,
-    phases=[Phase.explicit, Phase.generate],
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-)
+@settings(max_examples=10)
 @given(
     st.lists(fuzz_bodies, min_size=2, max_size=6), st.booleans(), st.sampled_from([60, 240]),
 )  # fmt: skip

@@ -11,6 +11,8 @@ from std_srvs.srv import SetBool
 
 from softbody_ros.ros import messages
 
+pytestmark = pytest.mark.oldest
+
 SIM = '/softbody_sim'
 
 

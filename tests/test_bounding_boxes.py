@@ -10,6 +10,8 @@ import pytest
 from softbody_ros.core.body import BODY
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
 
+pytestmark = pytest.mark.oldest
+
 
 def random_boxes(kind, count):
     """Return corners (N, 3) of boxes, many of them equal or flush with others."""

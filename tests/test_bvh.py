@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trees of boxes: distances as from all faces, sides as by the winding number."""
 
-from core_helpers import cad_mesh, sheet, thin_bin
+from core_helpers import cad_mesh, many_points, sheet, thin_bin
 import numpy as np
 import pytest
 import trimesh
@@ -11,6 +11,8 @@ from softbody_ros.core import MeshError, Surface, make_surface
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry import bvh
 from softbody_ros.core.geometry.bvh import closed_tree, make_tree, pack
+
+pytestmark = [pytest.mark.oldest, pytest.mark.plain]
 
 
 def thin_plate():
@@ -211,6 +213,7 @@ def test_corners_and_edges_are_sharp_and_what_is_smooth_is_not():
     assert not len(closed_tree(SHAPES['icosphere']).sharp_vertices)
 
 
+@many_points
 def test_the_thinnest_wall_is_found_where_there_is_one():
     for wall in (0.1, 0.02, 0.001):
         half = closed_tree(thin_bin(wall)).half_thickness

@@ -13,6 +13,8 @@ from kernel_worlds import AHEAD, EVERYTHING, FOR_ANY_PROCESSOR, HASHES, TICKS, h
 import pytest
 from python_processes import begun, finished, printed
 
+pytestmark = pytest.mark.compile
+
 NOT_OF_A_TICK = (
     'shape_matching.polar_decomposition.rotate_all',
     'collision.obstacles._distances',

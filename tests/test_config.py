@@ -12,46 +12,40 @@ import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, World, WorldConfig
-from softbody_ros.core.config import settings
+from softbody_ros.core.config import Setting, checked, settings
+
+pytestmark = pytest.mark.oldest
 
 CLASSES = (BodyConfig, ObstacleConfig, WorldConfig)
+EVERY = [
+    (config_class, field, dotted, facts)
+    for config_class in CLASSES
+    for field, dotted, facts in settings(config_class)
+]
+"""Of each setting its class, field, dotted name and facts. All are checked by one function, which
+knows the facts: so values of a wrong kind are tried with one setting of each kind."""
 
 
-def every_setting(condition):
-    """Return pytest parameters (class, field, dotted name, Setting) of the settings chosen."""
-    return [
-        pytest.param(config_class, field, dotted, facts, id=f'{config_class.__name__}-{dotted}')
-        for config_class in CLASSES
-        for field, dotted, facts in settings(config_class)
-        if condition(facts)
-    ]
+def the(config_class, field):
+    return next(case for case in EVERY if case[:2] == (config_class, field))
+
+
+FLOAT = the(BodyConfig, 'mass')
+INTEGER = the(BodyConfig, 'subdivisions')
+VECTOR = the(ObstacleConfig, 'size')
+INDICES = the(BodyConfig, 'pins_indices')
+TEXT = the(ObstacleConfig, 'mesh')
+CHOICE = the(BodyConfig, 'mode')
+
+
+def of_each(*kinds):
+    return pytest.mark.parametrize(
+        ('config_class', 'field', 'dotted', 'facts'), [pytest.param(*k, id=k[2]) for k in kinds]
+    )
 
 
 def is_scalar(facts):
     return type(facts.default) in (int, float)
-
-
-def is_float(facts):
-    return type(facts.default) is float
-
-
-def is_vector(facts):
-    return facts.length is not None
-
-
-def is_text(facts):
-    return isinstance(facts.default, str)
-
-
-def has_whole_number_in_range(facts):
-    return is_float(facts) and math.ceil(facts.minimum) <= facts.maximum
-
-
-EVERY = every_setting(lambda facts: True)
-SCALARS = every_setting(is_scalar)
-VECTORS = every_setting(is_vector)
-TEXTS = every_setting(is_text)
-NUMERIC = SCALARS + VECTORS
 
 
 def made(config_class, field, value):
@@ -74,10 +68,11 @@ def assert_one_sentence(message, config_class, dotted):
 
 
 def elementwise(facts, number):
-    """Return the number, or a vector with it as its last element."""
+    """Return the number, or a vector or list with it as its last element."""
     return number if is_scalar(facts) else (*facts.default[:-1], number)
 
 
+# ---------------------------------------------------------------------------------- every setting
 @pytest.mark.parametrize('config_class', CLASSES)
 def test_defaults_are_valid_and_stored_as_stated(config_class):
     config = config_class()
@@ -101,53 +96,76 @@ def test_configs_cannot_be_changed_behind_the_validation(config_class):
         setattr(config_class(), field, 0)
 
 
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), EVERY)
-def test_every_setting_is_described(config_class, field, dotted, facts):
-    assert facts.description
-    if not is_text(facts):
-        assert facts.minimum is not None
-        assert facts.maximum is not None
-        assert facts.minimum < facts.maximum
-        assert f'{facts.maximum:g}' in facts.range_text
-    if facts.choices:
-        assert facts.range_text.split(' | ') == list(facts.choices)
+def test_every_setting_is_described_and_of_a_kind_that_is_tried_here():
+    for _, _, dotted, facts in EVERY:
+        assert facts.description, dotted
+        assert isinstance(facts.default, (int, float, str, tuple)), dotted
+        assert facts.items in (None, int), dotted
+        if isinstance(facts.default, str):
+            assert facts.range_text.split(' | ') == list(facts.choices or ['']), dotted
+            assert not facts.choices or facts.default in facts.choices, dotted
+        else:
+            assert facts.minimum < facts.maximum, dotted
+            assert f'{facts.maximum:g}' in facts.range_text, dotted
 
 
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), NUMERIC)
-def test_both_ends_of_the_range_are_allowed(config_class, field, dotted, facts):
-    for end in (facts.minimum, facts.maximum):
-        value = end if is_scalar(facts) else (end,) * facts.length
-        kept = getattr(made(config_class, field, type(facts.default)(value)), field)
-        assert kept == value
+def test_the_whole_range_of_every_setting_is_allowed_and_no_number_outside():
+    for config_class, field, dotted, facts in EVERY:
+        if isinstance(facts.default, str):
+            continue
+        for end in (facts.minimum, facts.maximum):
+            value = end if is_scalar(facts) else (end,) * (facts.length or 1)
+            kept = getattr(made(config_class, field, value), field)
+            # an empty list has no type in ROS: -1 stands for none
+            assert kept == (() if facts.items and end == -1 else value), dotted
+        for outside in (facts.minimum - 1, facts.maximum + 1):
+            message = refusal(config_class, field, elementwise(facts, outside))
+            assert_one_sentence(message, config_class, dotted)
+            assert f'from {facts.minimum:g} to {facts.maximum:g}' in message
+            assert facts.unit in message
+            assert 'each element' in message or is_scalar(facts), dotted
 
 
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), NUMERIC)
-def test_a_number_outside_the_range_is_refused(config_class, field, dotted, facts):
-    for outside in (facts.minimum - 1, facts.maximum + 1):
-        message = refusal(config_class, field, elementwise(facts, outside))
+def test_only_the_listed_choices_are_allowed():
+    for config_class, field, dotted, facts in EVERY:
+        for choice in facts.choices:
+            assert getattr(made(config_class, field, choice), field) == choice, dotted
+        if facts.choices:
+            message = refusal(config_class, field, 'cubic')
+            assert_one_sentence(message, config_class, dotted)
+            assert "'cubic'" in message
+            assert all(choice in message for choice in facts.choices)
+
+
+def test_a_direction_and_a_quaternion_need_a_length():
+    cases = [case for case in EVERY if case[1].endswith(('direction', 'orientation'))]
+    assert len(cases) == 3
+    for config_class, field, dotted, facts in cases:
+        message = refusal(config_class, field, (0.0,) * facts.length)
         assert_one_sentence(message, config_class, dotted)
-        assert f'from {facts.minimum:g} to {facts.maximum:g}' in message
-        assert facts.unit in message
-        assert 'each element' in message or is_scalar(facts)
+        assert 'zero' in message
+        assert made(config_class, field, (0.0,) * (facts.length - 1) + (0.5,))
 
 
+# ------------------------------------------------------------------------------- one of each kind
 def test_the_message_tells_a_value_from_the_bound_that_it_just_exceeds():
     assert '1.0000000000000002' in refusal(BodyConfig, 'stiffness', math.nextafter(1.0, 2.0))
 
 
-def test_an_integer_beyond_any_float_is_out_of_range_too():
+@of_each(FLOAT, INTEGER, VECTOR, INDICES)
+def test_an_integer_beyond_any_float_is_out_of_range_too(config_class, field, dotted, facts):
     for number in (10**400, -(10**400)):
-        for field, value in (('mass', number), ('position', (0, 0, number))):
-            assert_one_sentence(refusal(BodyConfig, field, value), BodyConfig, field)
+        message = refusal(config_class, field, elementwise(facts, number))
+        assert_one_sentence(message, config_class, dotted)
 
 
-def test_an_array_without_dimensions_is_no_value():
-    for field in ('mass', 'position'):
-        assert_one_sentence(refusal(BodyConfig, field, np.array(0.5)), BodyConfig, field)
+@of_each(FLOAT, INTEGER, VECTOR, INDICES)
+def test_an_array_without_dimensions_is_no_value(config_class, field, dotted, facts):
+    assert_one_sentence(refusal(config_class, field, np.array(0.5)), config_class, dotted)
 
 
 @pytest.mark.parametrize('number', [math.nan, math.inf, -math.inf, np.float32('nan')])
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), NUMERIC)
+@of_each(FLOAT, INTEGER, VECTOR, INDICES)
 def test_numbers_that_are_not_finite_are_refused(config_class, field, dotted, facts, number):
     message = refusal(config_class, field, elementwise(facts, number))
     assert_one_sentence(message, config_class, dotted)
@@ -155,7 +173,7 @@ def test_numbers_that_are_not_finite_are_refused(config_class, field, dotted, fa
 
 
 @pytest.mark.parametrize('value', ['0.5', None, True, np.True_, [0.5], 1j, {}])
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), SCALARS)
+@of_each(FLOAT, INTEGER)
 def test_a_number_must_be_one(config_class, field, dotted, facts, value):
     message = refusal(config_class, field, value)
     assert_one_sentence(message, config_class, dotted)
@@ -167,84 +185,72 @@ def test_the_message_shows_the_value_as_it_was_given(value):
     assert repr(value) in refusal(BodyConfig, 'mass', value)
 
 
-@pytest.mark.parametrize(
-    ('config_class', 'field', 'dotted', 'facts'),
-    every_setting(lambda facts: type(facts.default) is int),
-)
+@of_each(INTEGER, INDICES)
 def test_a_whole_number_is_not_a_float(config_class, field, dotted, facts):
-    for value in (facts.default + 0.5, float(facts.default)):
-        message = refusal(config_class, field, value)
+    for value in (0.5, 1.0):
+        message = refusal(config_class, field, elementwise(facts, value))
         assert 'whole number' in message
         assert repr(value) in message
 
 
-@pytest.mark.parametrize(
-    ('config_class', 'field', 'dotted', 'facts'), every_setting(has_whole_number_in_range)
-)
-def test_a_whole_number_becomes_a_float(config_class, field, dotted, facts):
-    for kind in (int, np.int64, np.float32):
-        number = kind(math.ceil(facts.minimum))
-        value = getattr(made(config_class, field, number), field)
-        assert type(value) is float
-        assert value == number
+@pytest.mark.parametrize('kind', [int, np.int64, np.float32])
+def test_a_whole_number_becomes_a_float(kind):
+    value = BodyConfig(mass=kind(2)).mass
+    assert type(value) is float
+    assert value == 2.0
 
 
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), VECTORS)
-@pytest.mark.parametrize('kind', [list, tuple, np.array, lambda ones: array('d', ones)])
-def test_any_sequence_of_numbers_becomes_a_tuple_of_floats(
-    config_class, field, dotted, facts, kind
-):
-    value = getattr(config_class(**{field: kind([1] * facts.length)}), field)
-    assert value == (1.0,) * facts.length
-    assert all(type(item) is float for item in value)
+@pytest.mark.parametrize('kind', [list, tuple, np.array, lambda ones: array('l', ones)])
+@of_each(VECTOR, INDICES)
+def test_any_sequence_of_numbers_becomes_a_tuple(config_class, field, dotted, facts, kind):
+    value = getattr(made(config_class, field, kind([1, 1, 1])), field)
+    assert value == (1, 1, 1)
+    assert all(type(item) is (facts.items or float) for item in value)
 
 
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), VECTORS)
-def test_a_vector_must_be_one_of_the_right_length(config_class, field, dotted, facts):
-    ones = [1.0] * facts.length
-    for value in ((), ones[:-1], [*ones, 1.0], 1.0, 'xyz', None):
-        message = refusal(config_class, field, value)
-        assert_one_sentence(message, config_class, dotted)
-        assert f'{facts.length} numbers' in message
+def test_a_vector_must_be_one_of_the_right_length():
+    for value in ((), [1.0, 1.0], [1.0] * 4, 1.0, 'xyz', None):
+        message = refusal(ObstacleConfig, 'size', value)
+        assert_one_sentence(message, ObstacleConfig, 'size')
+        assert '3 numbers' in message
+
+
+@pytest.mark.parametrize('value', [1, 'xyz', None, {}])
+def test_a_list_must_be_one(value):
+    message = refusal(BodyConfig, 'pins_indices', value)
+    assert_one_sentence(message, BodyConfig, 'pins.indices')
+    assert 'a list of whole numbers' in message
+    names = Setting((), 'names', items=str)
+    assert checked('names', ['a', 'b'], names) == ('a', 'b')
+    for wrong in (value, [value]):
+        if wrong != ['xyz']:
+            with pytest.raises(ConfigError, match=r'^names is .*: it must be a list of names$'):
+                checked('names', wrong, names)
 
 
 @pytest.mark.parametrize('item', ['1', None, True, [1.0]])
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), VECTORS)
-def test_each_element_of_a_vector_must_be_a_number(config_class, field, dotted, facts, item):
+@of_each(VECTOR, INDICES)
+def test_each_element_must_be_a_number(config_class, field, dotted, facts, item):
     message = refusal(config_class, field, elementwise(facts, item))
     assert_one_sentence(message, config_class, dotted)
-    assert 'a number' in message
+    assert 'number' in message
 
 
-@pytest.mark.parametrize(
-    ('config_class', 'field', 'dotted', 'facts'),
-    [case for case in VECTORS if case.values[1].endswith(('direction', 'orientation'))],
-)
-def test_a_direction_and_a_quaternion_need_a_length(config_class, field, dotted, facts):
-    message = refusal(config_class, field, (0.0,) * facts.length)
-    assert_one_sentence(message, config_class, dotted)
-    assert 'zero' in message
-    assert config_class(**{field: (0.0,) * (facts.length - 1) + (0.5,)})
+@pytest.mark.parametrize('value', [3, None, True, ['linear']])
+@of_each(TEXT, CHOICE)
+def test_a_text_must_be_one(config_class, field, dotted, facts, value):
+    assert_one_sentence(refusal(config_class, field, value), config_class, dotted)
 
 
-@pytest.mark.parametrize(('config_class', 'field', 'dotted', 'facts'), TEXTS)
-def test_a_text_must_be_one(config_class, field, dotted, facts):
-    for value in (3, None, True, ['linear']):
-        assert_one_sentence(refusal(config_class, field, value), config_class, dotted)
+@pytest.mark.parametrize('value', [0, 1.0, 'true', None, [True]])
+def test_true_or_false_must_be_one(value):
+    facts = Setting(False, 'a switch')
+    assert checked('on', np.True_, facts) is True
+    with pytest.raises(ConfigError, match=r'^on is .*: it must be true or false$'):
+        checked('on', value, facts)
 
 
-@pytest.mark.parametrize(
-    ('config_class', 'field', 'dotted', 'facts'), every_setting(lambda facts: facts.choices)
-)
-def test_only_the_listed_choices_are_allowed(config_class, field, dotted, facts):
-    for choice in facts.choices:
-        assert getattr(config_class(**{field: choice}), field) == choice
-    message = refusal(config_class, field, 'cubic')
-    assert_one_sentence(message, config_class, dotted)
-    assert "'cubic'" in message
-    assert all(choice in message for choice in facts.choices)
-
-
+# ------------------------------------------------------------------------------- across settings
 @pytest.mark.parametrize(
     'name', ['', '1ball', 'a ball', 'ball.x', '_ball', 'bäll', 3, None, 'b-b']
 )

@@ -11,6 +11,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.ros.messages import POINT_TYPE
 
+pytestmark = pytest.mark.oldest
+
 SIM = '/softbody_sim'
 G = 9.81
 

@@ -16,6 +16,8 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import Marker, MarkerArray
 
+pytestmark = pytest.mark.oldest
+
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 GRIPPER = (pathlib.Path(__file__).parent.parent / 'config' / 'gripper.urdf').read_text()

@@ -21,6 +21,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.ros.messages import POINT_TYPE
 
+pytestmark = pytest.mark.oldest
+
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 INPUTS = {

@@ -24,6 +24,8 @@ from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.ros import message_parsing, messages
 from softbody_ros.ros.message_parsing import MOST_MARKERS, SHAPES, InputError
 
+pytestmark = pytest.mark.oldest
+
 H = 1 / 240
 HUGE = sys.float_info.max
 NOT_FINITE = [math.nan, math.inf, -math.inf]
@@ -392,7 +394,7 @@ def assert_sentence(error):
     assert '\n' not in str(error)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.lists(any_marker(), max_size=4))
 def test_any_markers_leave_a_world_that_goes_on(markers):
     changes, problems = changes_of(*markers)
@@ -405,7 +407,7 @@ def test_any_markers_leave_a_world_that_goes_on(markers):
         assert np.isfinite(obstacle.position).all() and np.isfinite(obstacle.rotation).all()
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=500)
 @given(any_cloud())
 def test_any_cloud_is_read_or_refused(message):
     try:
@@ -418,7 +420,7 @@ def test_any_cloud_is_read_or_refused(message):
     assert points.points.shape == (seen, 3)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(TEXTS, st.tuples(*[FLOATS] * 6))
 def test_any_force_is_read_or_refused(frame_id, numbers):
     message = wrench_of(frame_id, numbers[:3], numbers[3:])

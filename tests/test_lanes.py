@@ -9,6 +9,8 @@ from softbody_ros.core.compiled import kernel
 from softbody_ros.core.lanes import LANES, lanes_of, put_vectors, total, vectors_at, weights_at
 from softbody_ros.core.shape_matching import moments
 
+pytestmark = [pytest.mark.oldest, pytest.mark.plain]
+
 
 @kernel
 def sum_of(values, start, stop):

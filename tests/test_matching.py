@@ -23,6 +23,8 @@ from softbody_ros.core import MeshError, Surface, make_surface
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
 
+pytestmark = pytest.mark.oldest
+
 SHAPES = {
     'icosphere': make_surface('icosphere', 0.5, 2),
     'box': make_surface('box', 0.5, 2),

@@ -21,6 +21,8 @@ from softbody_ros.core.geometry import mesh_files
 from softbody_ros.core.geometry.mesh import PRIMITIVES
 from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 
+pytestmark = pytest.mark.oldest
+
 # A tetrahedron, whose corners no symmetry exchanges.
 CORNERS = np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 1.5, 0.0), (0.3, 0.2, 1.0)])
 TRIANGLES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])

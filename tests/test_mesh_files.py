@@ -28,6 +28,8 @@ from softbody_ros.core.geometry.glb import CHUNK_HEADER, GLB_HEADER
 from softbody_ros.core.geometry.mesh_edges import edges_of
 from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 
+pytestmark = pytest.mark.oldest
+
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 
 
@@ -694,6 +696,21 @@ def test_a_glb_that_needs_an_extension_is_refused_with_the_cure(tmp_path, extens
     document, rest = parts_of_glb(path.read_bytes())
     document |= {'extensionsUsed': [extension], 'extensionsRequired': [extension]}
     path.write_bytes(glb_of(document, rest))
+    assert refusal(path).startswith(sentence)
+
+
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        (b'glTF\2\0', 'is cut off: export or copy it again'),
+        (GLB_HEADER.pack(b'glTF', 1, 20) + bytes(8), 'is glTF of version 1: export it as glTF 2'),
+        (glb_of({})[:-1] + b'[', 'cannot be read as GLB (its JSON is damaged): export it again'),
+        (glb_of([]), 'cannot be read as GLB (its JSON is damaged): export it again'),
+    ],
+)
+def test_a_damaged_glb_is_refused_by_what_is_wrong(tmp_path, content, sentence):
+    path = tmp_path / 'thing.glb'
+    path.write_bytes(content)
     assert refusal(path).startswith(sentence)
 
 

@@ -17,6 +17,8 @@ from softbody_ros.core import RigidFit
 from softbody_ros.ros import messages
 from softbody_ros.scene import parameters
 
+pytestmark = pytest.mark.oldest
+
 STAMP = 1_700_000_001_123_456_789
 COLOR = (0.25, 0.5, 0.75, 1.0)
 # lengths that leave every remainder modulo 8 before what follows the string

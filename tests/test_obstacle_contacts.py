@@ -4,7 +4,7 @@
 
 import dataclasses
 
-from core_helpers import thin_bin
+from core_helpers import many_points, thin_bin
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,6 +17,8 @@ from softbody_ros.core.collision.obstacle_contacts import CONTACT, contacts_of
 from softbody_ros.core.collision.obstacles import ObstacleTable, made, moved
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.config import OBSTACLE_TYPES
+
+pytestmark = [pytest.mark.oldest, pytest.mark.plain]
 
 SOLIDS = tuple(kind for kind in OBSTACLE_TYPES if kind != 'plane')
 THIN = 0.01
@@ -243,6 +245,7 @@ def test_a_fast_plate_takes_along_all_that_it_comes_upon(kind, seed):
     assert contacts['swept'].all()
 
 
+@many_points
 @pytest.mark.parametrize('sections', [4, 16])
 def test_no_path_leads_through_a_thin_wall(sections):
     random = np.random.default_rng(sections)

@@ -18,6 +18,8 @@ from softbody_ros.core.collision.obstacles import made
 from softbody_ros.ros import messages
 from softbody_ros.ros.messages import ShownObstacle
 
+pytestmark = pytest.mark.oldest
+
 SIM = '/softbody_sim'
 TOPIC = f'{SIM}/obstacle_markers'
 SMALL = {'ball__subdivisions': 1}

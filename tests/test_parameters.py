@@ -16,6 +16,8 @@ from softbody_ros.scene import parameters
 from softbody_ros.scene.groups import GROUPS
 from softbody_ros.scene.parameters import SceneLists
 
+pytestmark = pytest.mark.oldest
+
 TABLE = parameters.table(SceneLists())
 
 

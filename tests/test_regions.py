@@ -10,8 +10,8 @@ from core_helpers import (
     angular_momentum,
     apart,
     assert_as_if_alone,
+    assert_goes_on_bit_by_bit,
     body,
-    bytes_of,
     cloud,
     disturbed,
     floating,
@@ -472,12 +472,7 @@ def test_bodies_with_other_regions_keep_theirs():
 def test_a_restored_snapshot_continues_bit_by_bit():
     world = World(WorldConfig(bodies=tuple(bodies_of_one_shape())))
     world.step(60)
-    middle = world.snapshot()
-    world.step(100)
-    expected = bytes_of(world)
-    world.restore(middle)
-    world.step(100)
-    assert bytes_of(world) == expected
+    assert_goes_on_bit_by_bit(world, 100)
 
 
 # --------------------------------------------------------------------------------- awkward meshes

@@ -4,7 +4,6 @@
 
 import math
 
-from contact_problems import width
 from core_helpers import body as body_config
 from core_helpers import centre, floating, momentum
 import numpy as np
@@ -12,10 +11,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
-from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact.problem import RIGID, Problem
-from softbody_ros.core.contact.rows import ROW
-from softbody_ros.core.contact.solver import solve
 
 G = 9.81
 STEPS = (1 / 60, 1 / 240, 1 / 1000)
@@ -151,9 +146,10 @@ def move(world, speed, lift=0.0):
 
 @pytest.mark.parametrize('h', STEPS)
 @pytest.mark.parametrize('depth', [0.001, 0.01])
-def test_fingers_squeeze_a_rigid_ball_symmetrically_lift_and_release_it(depth, h):
-    ball = block(mesh='icosphere', size=0.05, subdivisions=3, mass=0.2, friction=0.8,
-                 position=(0.0, 0.0, 1.0))  # fmt: skip
+@pytest.mark.parametrize('subdivisions', [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_fingers_squeeze_a_rigid_ball_symmetrically_lift_and_release_it(subdivisions, depth, h):
+    ball = block(mesh='icosphere', size=0.05, subdivisions=subdivisions, mass=0.2,
+                 friction=0.8, position=(0.0, 0.0, 1.0))  # fmt: skip
     obstacles = (ObstacleConfig(name='table', type='box', size=(0.2, 0.2, 0.1),
                                 position=(0.0, 0.0, 0.85)), *fingers(0.051))  # fmt: skip
     world = World(WorldConfig(time_step=h, bodies=(ball,), obstacles=obstacles))
@@ -306,76 +302,3 @@ def test_nothing_depends_on_what_was_in_memory_before():
         for name in clean.names:
             assert (clean.positions(name) == other.positions(name)).all()
             assert (clean.velocities(name) == other.velocities(name)).all()
-
-
-# -------------------------------------------------------------------------- the contact problem
-@kernel
-def solve_all(rows, jacobian, members, tolerance, result):
-    problem = Problem(
-        rows,
-        jacobian,
-        np.full(members, RIGID),
-        np.empty(0),
-        np.zeros((3, members, jacobian.shape[3])),
-        np.empty((2, 3, 0)),
-        np.empty((members, members, RIGID, RIGID)),
-        np.empty((members, members), np.bool_),
-    )
-    result[0], sweeps, steps = solve(problem, tolerance, 1.0)
-    result[1], result[2] = sweeps, steps
-
-
-@pytest.mark.parametrize('seed', range(8))
-@pytest.mark.parametrize(
-    ('members', 'friction'), [(1, 0.0), (1, 0.2), (2, 0.2), (5, 0.0), (5, 0.1)]
-)
-def test_a_solution_meets_the_laws_of_contact(members, friction, seed):
-    random = np.random.default_rng(seed)
-    count = 8 * members
-    rows = np.zeros(count, ROW)
-    rows['one'] = random.integers(0, members, count)
-    rows['two'] = random.integers(-1, members, count)
-    rows['two'][rows['two'] == rows['one']] = -1
-    # contacts around bodies of different masses, with inertia 0.1 per mass
-    mass = random.choice([0.5, 1.0, 5.0], members)
-    frames = Rotation.random(count, random_state=seed).as_matrix()
-    arms = 0.5 * random.normal(size=(count, 2, 1, 3))
-    turning = np.cross(arms, frames[:, None]) / math.sqrt(0.1)
-    jacobian = np.concatenate([np.broadcast_to(frames[:, None], turning.shape), turning], axis=3)
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        index = rows['one' if side == 0 else 'two']
-        jacobian[:, side] *= sign / np.sqrt(mass[index])[:, None, None]
-    jacobian[rows['two'] < 0, 1] = 0.0
-    rows['bias'] = random.normal(size=(count, 3)) - (0.5, 0.0, 0.0)
-    rows['compliance'] = 0.01
-    rows['friction'] = friction
-    rows['viscosity'] = -1.0
-    rows['base'][:, 0] = random.choice([0.0, 0.2], count)
-    rows['radius'] = 0.0
-    result = np.zeros(3)
-    room = np.zeros((count, 2, 3, width(RIGID) + 1 - RIGID))
-    room[..., -1] = np.nan
-    solve_all(rows, np.concatenate([jacobian, room], axis=3), members, 1e-10, result)
-    assert result[0] <= 1e-10
-    # the same operator, written independently
-    matrix = np.zeros((count, 3, members, RIGID))
-    for k in range(count):
-        matrix[k, :, rows['one'][k]] = jacobian[k, 0]
-        if rows['two'][k] >= 0:
-            matrix[k, :, rows['two'][k]] += jacobian[k, 1]
-    matrix = matrix.reshape(3 * count, -1)
-    force = rows['force'].ravel()
-    s = (rows['bias'].ravel() + 0.01 * force + matrix @ (matrix.T @ force)).reshape(-1, 3)
-    total = rows['base'] + rows['force']
-    assert total[:, 0].min() >= 0.0
-    assert s[:, 0].min() > -1e-8
-    assert np.abs(total[:, 0] * s[:, 0]).max() < 1e-7
-    size = np.linalg.norm(total[:, 1:], axis=1)
-    limit = rows['friction'] * total[:, 0]
-    assert (size <= limit + 1e-9).all()
-    slip = np.linalg.norm(s[:, 1:], axis=1)
-    sticking = size < limit - 1e-6
-    assert slip[sticking] == pytest.approx(0.0, abs=1e-8)
-    sliding = slip > 1e-6
-    against = (total[:, 1:] * s[:, 1:]).sum(axis=1)
-    assert against[sliding] == pytest.approx(-(limit * slip)[sliding], abs=1e-7)

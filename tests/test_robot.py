@@ -7,6 +7,7 @@ import math
 import pathlib
 import re
 
+from core_helpers import assert_goes_on_bit_by_bit, bytes_of
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,6 +16,7 @@ import yourdfpy
 
 from softbody_ros.core import (
     BodyConfig,
+    ConfigError,
     ObstacleConfig,
     ObstacleRemoval,
     ObstacleUpdate,
@@ -22,7 +24,10 @@ from softbody_ros.core import (
     WorldConfig,
 )
 from softbody_ros.core.links import FASTEST_CORRECTION
+from softbody_ros.scene.parameters import make_scene
 from softbody_ros.scene.robot import Robot, RobotError, RobotState, move_robot, read_robot
+
+pytestmark = pytest.mark.oldest
 
 CONFIG = pathlib.Path(__file__).parent.parent / 'config'
 GRIPPER = (CONFIG / 'gripper.urdf').read_text()
@@ -237,6 +242,22 @@ def test_shapes_are_made_once_and_shared_by_all_updates():
 
 
 # ----------------------------------------------------------------------------- bad descriptions
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        (
+            {'robot.pose': [0.0] * 7},
+            'robot.pose is .*: its last four numbers must be a quaternion',
+        ),
+        ({'bodies': ['robot']}, "the name 'robot' is that of the parameters robot.links, .*"),
+        ({'obstacles': ['robot']}, "the name 'robot' is that of the parameters robot.links, .*"),
+    ],
+)
+def test_parameters_of_a_robot_that_mean_nothing_are_refused(values, sentence):
+    with pytest.raises(ConfigError, match=f'^{sentence}'):
+        make_scene(values)
+
+
 def joint(name='j', parent='a', child='b', kind='revolute', more=''):
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
@@ -276,6 +297,10 @@ def pair(*joints, links='ab'):
         (pair(joint(more='<origin xyz="nan 0 0"/>')), 'an origin that is not within'),
         (pair(joint(more='<mimic joint="j"/>')), 'joint j mimics itself'),
         (pair(joint(more='<mimic joint="j" multiplier="nan"/>')), 'joint j mimics'),
+        (
+            pair(joint(more='<mimic joint="k" offset="1e9"/>'), joint('k', 'b', 'c'), links='abc'),
+            r'joint j mimics k by a number beyond 1e\+06',
+        ),
     ],
 )  # fmt: skip
 def test_what_is_no_urdf_is_one_sentence(urdf, sentence):
@@ -514,10 +539,7 @@ def test_a_snapshot_in_the_middle_of_an_approach_continues_bit_by_bit():
     world.step(60)
     move(world, robot, state_of(robot, {'grip': 0.047}, {'grip': -0.1}, approach=0.02), 0.5)
     world.step(2)
-    saved = world.snapshot()
-    ends = []
-    for _ in range(2):
-        world.step(60)
-        ends.append((world.positions('ball').tobytes(), world.obstacles[-1].position.tobytes()))
-        world.restore(saved)
-    assert ends[0] == ends[1]
+    assert_goes_on_bit_by_bit(
+        world, 20,
+        state=lambda world: (bytes_of(world), world.obstacles[-1].position.tobytes()),
+    )  # fmt: skip

@@ -12,6 +12,8 @@ from softbody_ros.core import ConfigError
 from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import read_scene
 
+pytestmark = pytest.mark.oldest
+
 ROOT = pathlib.Path(__file__).parent.parent
 SCENES = sorted((ROOT / 'config').glob('*.yaml'))
 ODDITIES = """

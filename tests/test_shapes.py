@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of obstacles: complete, and as far away as they look."""
 
+from core_helpers import many_points
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,6 +14,8 @@ from softbody_ros.core.collision.obstacles import OBSTACLE, ObstacleTable, made,
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.config import OBSTACLE_TYPES
 from softbody_ros.core.geometry.bvh import pack
+
+pytestmark = [pytest.mark.oldest, pytest.mark.plain]
 
 SOLIDS = tuple(kind for kind in OBSTACLE_TYPES if kind != 'plane')
 SIZE = (0.5, 0.6, 0.8)
@@ -101,6 +104,7 @@ def test_balls_about_edge_points_touch_the_surface_from_inside(kind):
     assert len(points) > 0
 
 
+@many_points
 @pytest.mark.parametrize(
     ('kind', 'height', 'mesh'),
     [

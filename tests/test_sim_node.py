@@ -24,6 +24,8 @@ from softbody_ros.ros.messages import POINT_TYPE, points_array
 from softbody_ros.ros.simulation_interfaces import FEATURES
 from softbody_ros.scene import parameters
 
+pytestmark = pytest.mark.oldest
+
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -18,6 +18,8 @@ from softbody_ros.core import ObstacleConfig, make_surface, sleeping
 from softbody_ros.core.collision.obstacles import made
 from softbody_ros.core.collision.point_obstacles import NO_POINTS, PointObstacles
 
+pytestmark = [pytest.mark.oldest, pytest.mark.plain]
+
 
 # --------------------------------------------------------------------------------------- numbers
 def test_cube_roots_are_as_precise_as_those_of_numpy():

@@ -14,6 +14,8 @@ from softbody_ros.core.shape_matching.regions import make_regions
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape, make_solid_rest_shape
 from softbody_ros.core.shape_matching.solid import FARTHEST
 
+pytestmark = pytest.mark.oldest
+
 PRECISION = 1e-9
 
 

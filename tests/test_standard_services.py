@@ -49,6 +49,8 @@ from softbody_ros.ros.simulation_interfaces_node import _Server
 from softbody_ros.scene import parameters, resources
 from softbody_ros.timeline.stepper import Stepper
 
+pytestmark = pytest.mark.oldest
+
 HERE = np.array([1.0, -2.0, 3.0])
 TURNED = Rotation.from_euler('xyz', [0.3, -0.7, 1.9])
 

@@ -12,7 +12,10 @@ from softbody_ros.core.geometry.vectors import put_matrix, put_vector
 from softbody_ros.core.shape_matching import flight_map, moments
 from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
-pytestmark = pytest.mark.skipif(not is_compiled(), reason='plain Python has no instructions')
+pytestmark = [
+    pytest.mark.oldest,
+    pytest.mark.skipif(not is_compiled(), reason='plain Python has no instructions'),
+]
 COUNT = 512
 
 

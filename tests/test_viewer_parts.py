@@ -18,6 +18,8 @@ from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import scene_of
 from softbody_ros.viewer import decoding, glb, scene_requests, server, widgets
 
+pytestmark = pytest.mark.oldest
+
 BALL = make_surface('icosphere', 0.5, 3)
 
 

@@ -42,6 +42,8 @@ from softbody_ros.ros import messages
 from softbody_ros.scene import parameters
 from softbody_ros.viewer import decoding
 
+pytestmark = pytest.mark.oldest
+
 COARSE, FINE = make_surface('icosphere', 0.5, 3), make_surface('icosphere', 0.5, 5)
 PAIRS = {
     'ball': (COARSE, FINE),

@@ -11,6 +11,7 @@ import sys
 
 from core_helpers import (
     angular_momentum,
+    assert_goes_on_bit_by_bit,
     body,
     bytes_of,
     cad_mesh,
@@ -34,6 +35,8 @@ from softbody_ros.core import (
     World,
     WorldConfig,
 )
+
+pytestmark = pytest.mark.oldest
 
 MODES = ('rigid', 'linear', 'quadratic')
 
@@ -113,23 +116,7 @@ def test_no_ticks_change_nothing():
 def test_a_restored_snapshot_continues_bit_by_bit():
     world = World(busy_config())
     world.step(60)
-    snapshot, saved = world.snapshot(), whole_state(world)
-    world.step(100)
-    first = whole_state(world)
-    for _ in range(2):
-        world.restore(snapshot)
-        assert whole_state(world) == saved
-        world.step(100)
-        assert whole_state(world) == first
-
-
-def test_a_snapshot_continues_in_another_world_of_the_same_config():
-    world, other = World(busy_config()), World(busy_config())
-    world.step(60)
-    other.restore(world.snapshot())
-    for each in (world, other):
-        each.step(50)
-    assert whole_state(other) == whole_state(world)
+    assert_goes_on_bit_by_bit(world, 100, state=whole_state)
 
 
 def test_a_snapshot_does_not_change_while_the_world_goes_on():

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import itertools
 import os
 import signal
 import subprocess
@@ -15,6 +14,7 @@ from typing import Any
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
+from domain_ids import Domain
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 import rclpy
 from rclpy.context import Context
@@ -22,10 +22,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-# domain ids 1 … 101 are safe on Linux; another checkout's run beginning elsewhere is likely
-FIRST_DOMAIN = int(os.environ.get('FIRST_DOMAIN', '1'))
-"""Of 50: two runs at a time do not meet if they begin 50 apart."""
-_domains = itertools.count(os.getpid())
 TIMEOUT = 120.0
 
 
@@ -33,7 +29,8 @@ class Graph:
     """Nodes and processes of one test or tool, spun by it."""
 
     def __init__(self) -> None:
-        self.domain = FIRST_DOMAIN + next(_domains) % 50
+        self._domain = Domain()
+        self.domain = self._domain.id
         self.context = Context()
         rclpy.init(context=self.context, domain_id=self.domain)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -131,3 +128,4 @@ class Graph:
         for node in self._nodes:
             node.destroy_node()
         rclpy.try_shutdown(context=self.context)
+        self._domain.give_back()

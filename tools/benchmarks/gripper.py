@@ -207,10 +207,12 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument('--rounds', type=int, help='5 by default')
-    parser.add_argument('--quick', action='store_true', help='one round of a few ticks')
+    parser.add_argument('--quick', action='store_true', help='a few ticks, of two modes')
     arguments = parser.parse_args()
     names = list(SIMULATORS)
-    if importlib.util.find_spec('mujoco') is None:
+    if arguments.quick:
+        names = [MODES[0], MODES[-1] + ASLEEP]
+    elif importlib.util.find_spec('mujoco') is None:
         names.remove('MuJoCo')
         print("MuJoCo is not installed and is left out: pip install '.[bench]'\n")
     runs = []
