@@ -137,7 +137,7 @@ def test_plots_of_a_body_while_it_is_chosen(show):
         whole = len(charts) == 3 and len({len(each) for chart in charts for each in chart}) == 1
         return np.array([charts[0][0], *(chart[1] for chart in charts)]) if whole else None
 
-    show.page.get_by_text('Plots', exact=True).click()
+    show.page.get_by_text('plots', exact=True).click()
     assert listeners() == 0
     browser_of_tests.choose(show.page, 'plot', 'ball')
     show.graph.spin_until(lambda: curves() is not None and curves().shape[1] > 1, 'curves')

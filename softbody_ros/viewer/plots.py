@@ -140,7 +140,7 @@ class Plots:
         self._forces: Subscription | None = None
         self._is_new, self._drawn = False, -PERIOD
         gui = server.gui
-        with gui.add_folder('Plots', expand_by_default=False):
+        with gui.add_folder('plots', expand_by_default=False):
             self._body: Any = gui.add_dropdown(
                 'plot', (NOTHING,), hint='the last 10 simulated seconds'
             )
