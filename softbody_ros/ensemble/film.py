@@ -6,10 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import ConfigError, ObstacleConfig, Surface, World
 from softbody_ros.core.collision.obstacles import Obstacle
@@ -17,7 +15,6 @@ from softbody_ros.scene.parameters import Scene
 
 LONGEST = 86400.0
 """Longest film, s."""
-OBSTACLE_COLOR = (0.8, 0.82, 0.86, 1.0)
 
 
 @dataclass(frozen=True)
@@ -128,28 +125,3 @@ class Film:
             away = np.abs(np.subtract(body.position, plane.position)).max()
             reach = max(reach, float(away + 10.0 * np.abs(self.picture(body.name).vertices).max()))
         return reach
-
-
-class Writer(Protocol):
-    """Writer of one film: takes the frames in order, then completes its file."""
-
-    def add(self, frame: Frame) -> None:
-        """Take a frame."""
-
-    def finish(self) -> None:
-        """Complete the file."""
-
-
-def linear(color: tuple[float, ...]) -> tuple[float, ...]:
-    """
-    Return red, green and blue, linear in light, and the same alpha.
-
-    Colours in ROS are sRGB, those of USD and glTF linear. IEC 61966-2-1.
-    """
-    rgb = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
-    return (*rgb, color[3])
-
-
-def quaternion(obstacle: Obstacle) -> tuple[float, ...]:
-    """Return the orientation of an obstacle, x y z w."""
-    return tuple(Rotation.from_matrix(obstacle.rotation).as_quat().tolist())
