@@ -9,15 +9,22 @@ scheduler, and an installation of this package on the workers.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+import logging
 import os
+import signal
 
 import dask
 import distributed
 
 ALLOWED_FAILURES = 3
 """So many workers may die of one run before it counts as failed."""
+PATIENCE = 10
+"""Seconds for a scheduler to answer."""
+PARTING = 1.0
+"""Seconds for workers to end by themselves, about."""
 
 
 @contextmanager
@@ -36,7 +43,7 @@ def cluster(
 
     Raises
     ------
-    OSError
+    ConnectionError
         if the scheduler cannot be reached.
 
     """
@@ -44,16 +51,54 @@ def cluster(
         'distributed.scheduler.allowed-failures': ALLOWED_FAILURES,
         'distributed.worker.daemon': False,
     }
-    with dask.config.set(settings):
+    with dask.config.set(settings), _quiet():
         if scheduler is not None:
-            with distributed.Client(scheduler) as client:
+            with _client(scheduler) as client:
                 yield client
             return
         count = workers or len(os.sched_getaffinity(0))
-        with (
-            distributed.LocalCluster(
-                n_workers=count, threads_per_worker=1, dashboard_address=None
-            ) as local,
-            distributed.Client(local) as client,
-        ):
-            yield client
+        # Ctrl-C reaches all processes of a terminal. Threads and processes inherit what is
+        # blocked: so it is left to the main thread of this one, which ends the others
+        unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            local = distributed.LocalCluster(
+                n_workers=count, threads_per_worker=1, dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+        with local:
+            try:
+                with distributed.Client(local) as client:
+                    yield client
+            finally:
+                local.sync(_part_with, local)
+
+
+def _client(scheduler: str) -> distributed.Client:
+    try:
+        return distributed.Client(scheduler, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        raise ConnectionError(
+            f'the scheduler {scheduler} cannot be reached ({error}): give the address that '
+            '`dask scheduler` printed, such as tcp://10.0.0.1:8786'
+        ) from None
+
+
+async def _part_with(local: distributed.LocalCluster) -> None:
+    """End the workers; one that does not end soon, as in the midst of a run, is killed."""
+    closing = (nanny.close(timeout=PARTING) for nanny in local.workers.values())
+    with suppress(asyncio.TimeoutError):
+        await asyncio.gather(*closing)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask from logging what users are told in a sentence, such as a lost worker."""
+    logger = logging.getLogger('distributed')
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

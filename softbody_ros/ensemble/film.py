@@ -62,15 +62,7 @@ class Film:
     world: World = field(init=False)
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.seconds <= LONGEST:
-            raise ConfigError(f'seconds is {self.seconds:g}: it must be from 0 to {LONGEST:g}')
-        # 1 / (1/240) is slightly below 240 in floating point
-        ticks = round(1.0 / self.scene.world.time_step, 6)
-        if not 0.0 < self.fps <= ticks:
-            raise ConfigError(
-                f'fps is {self.fps:g}: it must be above 0 and at most {ticks:g}, the ticks of the '
-                'scene in a second; for more give a smaller time_step'
-            )
+        require_rate(self.seconds, self.fps, self.scene.world.time_step)
         object.__setattr__(self, 'world', World(self.scene.world))
 
     @property
@@ -125,3 +117,24 @@ class Film:
             away = np.abs(np.subtract(body.position, plane.position)).max()
             reach = max(reach, float(away + 10.0 * np.abs(self.picture(body.name).vertices).max()))
         return reach
+
+
+def require_rate(seconds: float, fps: float, time_step: float) -> None:
+    """
+    Check the length of a film, s, and its frame rate, 1/s, for ticks of a length, s.
+
+    Raises
+    ------
+    ConfigError
+        if the frame rate exceeds that of the ticks, or the film is too long.
+
+    """
+    if not 0.0 <= seconds <= LONGEST:
+        raise ConfigError(f'seconds is {seconds:g}: it must be from 0 to {LONGEST:g}')
+    # 1 / (1/240) is slightly below 240 in floating point
+    ticks = round(1.0 / time_step, 6)
+    if not 0.0 < fps <= ticks:
+        raise ConfigError(
+            f'fps is {fps:g}: it must be above 0 and at most {ticks:g}, the ticks of the scene in '
+            'a second; for more give a smaller time_step'
+        )
