@@ -13,8 +13,10 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import logging
+from multiprocessing import resource_tracker
 import os
 import signal
+import warnings
 
 import dask
 import distributed
@@ -59,8 +61,11 @@ def cluster(
         count = workers or len(os.sched_getaffinity(0))
         # Ctrl-C reaches all processes of a terminal. Threads and processes inherit what is
         # blocked: so it is left to the main thread of this one, which ends the others
+        _start_tracker()
         unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
+            # it serves no dashboard, but HTTP all the same
+            warnings.filterwarnings('ignore', 'Port .* is already in use', UserWarning)
             local = distributed.LocalCluster(
                 n_workers=count, threads_per_worker=1, dashboard_address=None,
                 silence_logs=logging.CRITICAL,
@@ -73,6 +78,19 @@ def cluster(
                     yield client
             finally:
                 local.sync(_part_with, local)
+
+
+def _start_tracker() -> None:
+    """Start Python's process that cleans up after workers that are killed, but not its warning."""
+    before = os.environ.get('PYTHONWARNINGS')
+    os.environ['PYTHONWARNINGS'] = 'ignore:resource_tracker:UserWarning'
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        if before is None:
+            del os.environ['PYTHONWARNINGS']
+        else:
+            os.environ['PYTHONWARNINGS'] = before
 
 
 def _client(scheduler: str) -> distributed.Client:
@@ -95,10 +113,13 @@ async def _part_with(local: distributed.LocalCluster) -> None:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep Dask from logging what users are told in a sentence, such as a lost worker."""
-    logger = logging.getLogger('distributed')
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
+    loggers = [logging.getLogger(name) for name in ('distributed', 'distributed.client')]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
     try:
-        yield
+        with warnings.catch_warnings():
+            yield
     finally:
-        logger.setLevel(level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -20,6 +20,8 @@ from softbody_ros.ensemble.spec import Spec
 from softbody_ros.ensemble.variation import Draw, Grid
 from softbody_ros.scene.parameters import scene_lists, table
 
+MOST_TICKS = 12
+"""With a text, on an axis."""
 UNITS = {'largest_dent': 'm', 'highest_rebound': 'm', 'time_of_rest': 's',
          'last_x': 'm', 'last_y': 'm', 'last_z': 'm'}  # fmt: skip
 
@@ -79,60 +81,77 @@ def draw_plot(rows: Iterable[Mapping[str, Any]], outcome: str, spec: Spec, path:
     """
     axes = axes_of(spec)
     shown = [row for row in rows if row['outcomes'].get(outcome) is not None]
+    values = np.array([float(row['outcomes'][outcome]) for row in shown])
     figure, panel = plt.subplots(figsize=(6.4, 4.8), layout='constrained')
     unit = UNITS.get(outcome.rpartition('.')[2], '')
     label = f'{_words(outcome)} ({unit})' if unit else _words(outcome)
-    places = [_Axis(axis, shown, spec) for axis in axes]
-    values = np.array([float(row['outcomes'][outcome]) for row in shown])
+    are_cells = len(axes) == 2 and all(isinstance(axis, Grid) for axis in axes)
+    places = [_Axis(axis, shown, spec, are_cells) for axis in axes]
+    for place, which in zip(places, 'xy', strict=False):
+        place.label(panel, which)
     if len(axes) == 1:
         _line(panel, places[0], values, isinstance(axes[0], Grid))
         panel.set_ylabel(label)
     else:
         x, y = places
-        if all(isinstance(axis, Grid) for axis in axes):
-            image: Any = panel.pcolormesh(
-                x.ticks, y.ticks, _means(x, y, values), shading='nearest', cmap='viridis'
-            )
+        if are_cells:
+            colors: Any = panel.pcolormesh(x.ticks, y.ticks, _means(x, y, values))
         else:
-            image = panel.scatter(x.of_rows, y.of_rows, c=values, cmap='viridis')
-        figure.colorbar(image, label=label)
-        y.label(panel.yaxis)
-    places[0].label(panel.xaxis)
+            colors = panel.scatter(x.of_rows, y.of_rows, c=values)
+        figure.colorbar(colors, label=label)
     figure.savefig(path, dpi=120, format='png')
     plt.close(figure)
 
 
 class _Axis:
-    """Places of the values of a parameter along an axis: themselves, or if no numbers, 0, 1, …."""
+    """
+    Places along an axis: the values of a parameter, or 0, 1, … if these are no numbers, or cells.
 
-    def __init__(self, axis: Grid | Draw, rows: list[Mapping[str, Any]], spec: Spec) -> None:
+    Attributes
+    ----------
+    of_rows : (rows,) float
+        the place of each row
+    ticks : (any,) float
+        of listed values
+
+    """
+
+    def __init__(
+        self, axis: Grid | Draw, rows: list[Mapping[str, Any]], spec: Spec, are_cells: bool
+    ) -> None:
         facts = table(scene_lists(spec.scene))[axis.name]
         given = [row['parameters'][axis.name] for row in rows]
-        listed = axis.values if isinstance(axis, Grid) else axis.numbers
-        self._is_log = axis.is_log
-        self._name = f'{axis.name} ({facts.unit})' if facts.unit else axis.name
+        listed: list = list(axis.values if isinstance(axis, Grid) else axis.numbers)
         is_number = isinstance(facts.default, (int, float)) and not isinstance(facts.default, bool)
-        texts = list(dict.fromkeys(map(_text, (*listed, *([] if is_number else given)))))
-        self._texts = [] if is_number else texts
-        if is_number:
+        self._name = f'{axis.name} ({facts.unit})' if facts.unit else axis.name
+        self._is_log = axis.is_log and not are_cells
+        self._texts: list[str] = []
+        if is_number and not are_cells:
             self.of_rows = np.array(given, dtype=float)
             self.ticks = np.unique(np.array(listed, dtype=float))
-        else:
-            self.of_rows = np.array([texts.index(_text(each)) for each in given], dtype=float)
-            self.ticks = np.arange(len(texts), dtype=float)
+            return
+        if is_number:
+            listed.sort()
+        known = {_text(value): place for place, value in enumerate(listed)}
+        for value in given:  # drawn vectors
+            known.setdefault(_text(value), len(known))
+        self._texts = list(known)
+        self.of_rows = np.array([known[_text(value)] for value in given], dtype=float)
+        self.ticks = np.arange(len(known), dtype=float)
 
-    def label(self, axis: Any) -> None:
-        axis.set_label_text(self._name)
+    def label(self, panel: Any, which: str) -> None:
+        getattr(panel, f'set_{which}label')(self._name)
         if self._texts:
-            axis.set_ticks(self.ticks, self._texts)
+            every = -(-len(self._texts) // MOST_TICKS)
+            getattr(panel, f'set_{which}ticks')(self.ticks[::every], self._texts[::every])
         elif self._is_log:
-            axis._set_axes_scale('log')
+            getattr(panel, f'set_{which}scale')('log')
 
 
 def _text(value: Any) -> str:
     if isinstance(value, list):
-        return ', '.join(f'{each:g}' for each in value)
-    return str(value)
+        return ', '.join(map(_text, value))
+    return f'{value:.4g}' if isinstance(value, float) else str(value)
 
 
 def _words(outcome: str) -> str:
@@ -145,21 +164,19 @@ def _line(panel: Any, place: _Axis, values: np.ndarray, is_grid: bool) -> None:
     if not is_grid:
         panel.plot(place.of_rows, values, 'o', alpha=0.6)
         return
-    of_tick = [values[place.of_rows == tick] for tick in place.ticks]
-    ticks = [tick for tick, some in zip(place.ticks, of_tick, strict=True) if len(some)]
-    of_tick = [some for some in of_tick if len(some)]
-    panel.plot(ticks, [some.mean() for some in of_tick], 'o-')
-    if any(len(some) > 1 for some in of_tick):
-        lows, highs = ([end(some) for some in of_tick] for end in (np.min, np.max))
-        panel.fill_between(ticks, lows, highs, alpha=0.2)
+    at = {tick: values[place.of_rows == tick] for tick in place.ticks}
+    at = {tick: some for tick, some in at.items() if len(some)}
+    panel.plot(list(at), [some.mean() for some in at.values()], 'o-')
+    if any(len(some) > 1 for some in at.values()):
+        lows, highs = ([end(some) for some in at.values()] for end in (np.min, np.max))
+        panel.fill_between(list(at), lows, highs, alpha=0.2)
 
 
 def _means(x: _Axis, y: _Axis, values: np.ndarray) -> np.ndarray:
-    """Return means (rows of y, columns of x) over the runs of each point, NaN without any."""
+    """Return means (rows of y, columns of x) over the runs of each cell, NaN without any."""
     result = np.full((len(y.ticks), len(x.ticks)), np.nan)
-    for row, up in enumerate(y.ticks):
-        for column, right in enumerate(x.ticks):
-            here = values[(x.of_rows == right) & (y.of_rows == up)]
-            if len(here):
-                result[row, column] = here.mean()
+    for row, column in np.ndindex(result.shape):
+        here = values[(x.of_rows == column) & (y.of_rows == row)]
+        if len(here):
+            result[row, column] = here.mean()
     return result

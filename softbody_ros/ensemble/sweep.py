@@ -213,7 +213,7 @@ def _sweep(
     from tqdm import tqdm
 
     from softbody_ros.ensemble.cluster import cluster
-    from softbody_ros.ensemble.work import completed
+    from softbody_ros.ensemble.dispatch import completed
 
     kept = {run for run, row in store.rows.items() if row['status'] == 'done' or not options.retry}
     todo = [run for run in range(len(spec)) if run not in kept]
@@ -244,8 +244,9 @@ def _orders(spec: Spec, meshes: Meshes, runs: list[int]) -> Iterator[Order]:
 
 def _dry_run(options: argparse.Namespace, spec: Spec, meshes: Meshes, output: Path) -> None:
     from softbody_ros.ensemble.cluster import cluster
+    from softbody_ros.ensemble.dispatch import threads
     from softbody_ros.ensemble.store import attributes_of, stored
-    from softbody_ros.ensemble.work import files_of, threads
+    from softbody_ros.ensemble.work import files_of
 
     cores = options.workers or len(os.sched_getaffinity(0))
     if options.scheduler is not None:

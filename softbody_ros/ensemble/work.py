@@ -1,39 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The runs of a sweep on the workers of a cluster, a bounded number at a time."""
+"""A run of a sweep, as a worker makes it: from an order to the files of a group."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-import itertools
-import queue
-import time
 from typing import Any
-import uuid
-
-import distributed
-from distributed.scheduler import KilledWorker
 
 from softbody_ros.core import ConfigError, MeshError, SimulationError
-from softbody_ros.core.config import shown
 from softbody_ros.ensemble.encoding import encoded
-from softbody_ros.ensemble.mesh_transfer import Meshes, MeshFiles, paths_on_worker
+from softbody_ros.ensemble.mesh_transfer import paths_on_worker
 from softbody_ros.ensemble.outcomes import outcomes
 from softbody_ros.ensemble.running import record, run
-
-AHEAD = 2
-"""Runs that each thread of the workers has, one of them waiting: none waits for the client."""
-PATIENCE = 0.2
-"""Seconds after which it is looked whether to stop."""
-WORKERS_SEEN = 2.0
-"""Seconds after which it is looked how many workers there are."""
-
-GONE = 'the scheduler is gone'
-
-
-class LostCluster(ConnectionError):  # noqa: N818
-    """The scheduler is gone, or its workers cannot do the work; with a sentence."""
 
 
 @dataclass(frozen=True)
@@ -93,83 +72,3 @@ def _attributes(order: Order, status: str, error: str, came: Mapping[str, Any]) 
         'parameters': dict(order.values),
         'outcomes': dict(came),
     }
-
-
-def completed(
-    client: distributed.Client,
-    orders: Iterable[Order],
-    meshes: Meshes,
-    stop_if_asked: Callable[[], None],
-) -> Generator[tuple[Order, dict[str, bytes]]]:
-    """
-    Yield orders with the files of their runs, as they are done.
-
-    Raises
-    ------
-    LostCluster
-        if there is no more cluster that can do it.
-
-    """
-    if meshes.contents:
-        client.register_plugin(MeshFiles(meshes))
-    waiting: dict[distributed.Future, Order] = {}
-    try:
-        yield from _completed(client, iter(orders), waiting, stop_if_asked)
-    finally:
-        if client.status == 'running':
-            client.cancel(list(waiting), force=True)
-            if meshes.contents:
-                client.unregister_worker_plugin(meshes.key)
-
-
-def _completed(
-    client: distributed.Client,
-    orders: Iterator[Order],
-    waiting: dict[distributed.Future, Order],
-    stop_if_asked: Callable[[], None],
-) -> Iterator[tuple[Order, dict[str, bytes]]]:
-    done: queue.SimpleQueue[distributed.Future] = queue.SimpleQueue()
-    # of its own: another sweep on the same scheduler must not get the runs of this one
-    prefix, limit, seen = f'run-{uuid.uuid4().hex[:8]}', 0, -WORKERS_SEEN
-    while True:
-        stop_if_asked()
-        if client.status != 'running':
-            raise LostCluster(GONE)
-        if time.monotonic() - seen > WORKERS_SEEN:
-            limit, seen = max(AHEAD * threads(client), 1), time.monotonic()
-        for order in itertools.islice(orders, max(limit - len(waiting), 0)):
-            key = f'{prefix}-{order.number}'
-            future = client.submit(simulate, order, key=key, pure=False)
-            waiting[future] = order
-            future.add_done_callback(done.put)
-        if not waiting:
-            return
-        try:
-            future = done.get(timeout=PATIENCE)
-        except queue.Empty:
-            continue
-        order = waiting.pop(future)
-        yield order, _files(future, order)
-
-
-def threads(client: distributed.Client) -> int:
-    """Return how many runs the workers of a cluster make at a time."""
-    return sum(client.nthreads().values())
-
-
-def _files(future: distributed.Future, order: Order) -> dict[str, bytes]:
-    error = future.exception() if future.status == 'error' else None
-    if isinstance(error, KilledWorker):
-        return failed(
-            order,
-            'several workers ended while they made this run, and it was given up: perhaps they '
-            'have too little memory for it',
-        )
-    if error is not None:
-        raise LostCluster(
-            f'the workers cannot make runs ({type(error).__name__}: {shown(str(error))}): install '
-            'the same softbody_ros there, with its extra sweep'
-        )
-    if future.status != 'finished':
-        raise LostCluster(GONE)
-    return future.result()
