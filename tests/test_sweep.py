@@ -434,6 +434,26 @@ def test_a_killed_worker_loses_no_run_and_changes_no_bit(tmp_path, reference):
     assert not other.is_running()
 
 
+def test_a_run_that_kills_its_workers_is_given_up_and_no_other_one(
+    run_main, capsys, monkeypatch, tmp_path
+):
+    from softbody_ros.ensemble import cluster, dispatch
+
+    def simulate(order):  # a local function is sent to workers as such
+        from softbody_ros.ensemble.work import files_of
+
+        if order.number == 1:
+            os._exit(1)
+        return files_of(order, {})
+
+    monkeypatch.setattr(dispatch, 'simulate', simulate)
+    monkeypatch.setattr(cluster, 'ALLOWED_FAILURES', 0)
+    write(tmp_path, 'seconds: 0\nvary: {ball.mass: [1, 2, 3]}')
+    assert run_main('spec.yaml', '-o', 'store', '--workers', '1') == 0
+    assert [row['status'] for row in index(tmp_path / 'store')] == ['done', 'failed', 'done']
+    assert capsys.readouterr().err.startswith('sweep: run 1 failed: several workers ended while')
+
+
 def test_ctrl_c_ends_it_and_the_same_command_goes_on(run_main, capsys, tmp_path, reference):
     process = begun(tmp_path, '--workers', '1')
     try:

@@ -50,6 +50,9 @@ def cluster(
 
     """
     settings = {
+        # or a worker that is down at this time after a failure, while it starts after the next
+        # one, is given up
+        'distributed.deploy.lost-worker-timeout': '1 day',
         'distributed.scheduler.allowed-failures': ALLOWED_FAILURES,
         'distributed.worker.daemon': False,
     }
