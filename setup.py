@@ -9,6 +9,7 @@ BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
 DAE = ['pycollada>=0.7']
 ROBOT = ['yourdfpy>=0.0.56']
 SIMPLIFY = ['fast-simplification>=0.1.9', 'trimesh>=4.5']
+SWEEP = ['dask>=2024.8', 'distributed>=2024.8', 'matplotlib', 'zarr>=3']
 VIEWER = ['viser>=1.1,<1.2']
 
 setup(
@@ -58,6 +59,8 @@ setup(
         'robot': ROBOT,
         # bodies with `simplify_to`: quadric decimation, which trimesh calls from 4.5 on
         'simplify': SIMPLIFY,
+        # many runs, on one machine or a cluster: the commands `sweep` and `fit`
+        'sweep': SWEEP,
         'test': [
             'pytest>=7.4',
             'pytest-xdist>=3.5',
@@ -71,6 +74,7 @@ setup(
             *DAE,
             *ROBOT,
             *SIMPLIFY,
+            *SWEEP,
             *VIEWER,
             # drives Chromium, which is not a Python package: apt-get install chromium
             'playwright',
@@ -82,6 +86,7 @@ setup(
         'console_scripts': [
             'sim_node = softbody_ros.__main__:main',
             'bake = softbody_ros.bake.__main__:main',
+            'sweep = softbody_ros.ensemble.sweep:main',
             'viewer = softbody_ros.viewer.__main__:main',
         ]
     },

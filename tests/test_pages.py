@@ -12,7 +12,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from pages import PAGES, ROOT, anchors, everything, links, programs
 import pytest
-from scene_files import scene_values
+from scene_files import file_of_page, scene_values
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 import yaml
@@ -153,14 +153,17 @@ def test_a_film_is_read_as_the_page_does(tmp_path):
     assert len(lines) == 3 and lines[2].startswith('0.100 s: the plum is ')
 
 
-def test_a_sweep_prints_a_line_for_each_variant(tmp_path):
-    # a program that starts processes is a file
-    (tmp_path / 'sweep.py').write_text(PROGRAMS['sweep'])
-    run = subprocess.run(
-        [sys.executable, 'sweep.py'], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    heights = [float(height) for height in re.findall(r'jumps (\S+) m', run.stdout)]
-    assert len(heights) == 9 and heights[6] < heights[7] < heights[8]
+def test_a_sweep_is_made_and_read_as_the_page_does(tmp_path):
+    spec = file_of_page('how_to/many_runs.md', 'bounce.yaml')
+    coarse = re.sub(r'steps: \d+', 'steps: 2', spec) + 'fps: 20\n'
+    (tmp_path / 'bounce.yaml').write_text(coarse)
+    sweep = [sys.executable, '-m', 'softbody_ros.ensemble.sweep', 'bounce.yaml', '--workers', '1']
+    environment = os.environ | {'PYTHONPATH': str(ROOT)}
+    subprocess.run(sweep, cwd=tmp_path, env=environment, check=True)
+    assert (tmp_path / 'bounce' / 'ball.highest_rebound.png').exists()
+    best, *heights = run_program('store', tmp_path).splitlines()
+    assert best == 'stiffness 1.0, bounciness 1.0'
+    assert [line.split(':')[0] for line in heights] == ['0.00 s', '1.50 s']
 
 
 def test_every_program_has_a_test_here():

@@ -19,8 +19,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from solids import box, cone, hull, l_shape, moved, of_the_solid
 
-from softbody_ros.bake.film import Film
 from softbody_ros.core import ConfigError, MeshError, ObstacleConfig, World, WorldConfig
+from softbody_ros.ensemble.film import Film
 from softbody_ros.scene.parameters import make_scene
 
 GRAVITY = 9.81

@@ -23,7 +23,6 @@ from std_srvs.srv import SetBool
 import trimesh
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softbody_ros.bake.film import Film
 from softbody_ros.bake.gltf import GltfWriter
 from softbody_ros.bake.npz import NpzWriter
 from softbody_ros.bake.usd import UsdWriter
@@ -38,6 +37,7 @@ from softbody_ros.core import (
     make_surface,
 )
 from softbody_ros.core.geometry.simplification import COUNT_TOLERANCE, simplified
+from softbody_ros.ensemble.film import Film
 from softbody_ros.ros import messages
 from softbody_ros.scene import parameters
 from softbody_ros.viewer import decoding

@@ -11,6 +11,9 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+import pathlib
+import shutil
+import tempfile
 
 import numpy as np
 from pictures.drawing import (
@@ -29,7 +32,7 @@ from pictures.drawing import (
     with_caption,
 )
 from PIL import Image
-from scene_files import ROOT, scene
+from scene_files import ROOT, file_of_page, scene
 from scipy.spatial import cKDTree
 
 from softbody_ros.core import (
@@ -428,6 +431,18 @@ def viewer() -> None:
     page('contact', 330, 'body', (1100, 680)).save(RESOURCE / 'viewer.png', optimize=True)
 
 
+def sweep() -> None:
+    """What the command draws of the spec in the page."""
+    from softbody_ros.ensemble.sweep import main as sweep_main
+
+    with tempfile.TemporaryDirectory() as folder:
+        spec = pathlib.Path(folder) / 'bounce.yaml'
+        spec.write_text(file_of_page('how_to/many_runs.md', 'bounce.yaml'))
+        if sweep_main([str(spec), '-o', f'{folder}/bounce']):
+            raise SystemExit(1)
+        shutil.copy(f'{folder}/bounce/ball.highest_rebound.png', RESOURCE / 'sweep.png')
+
+
 def with_paddle(config: WorldConfig, turn: float) -> WorldConfig:
     """Return the config with another angular velocity of the paddle about z, rad/s."""
     turned = [
@@ -452,6 +467,7 @@ DRAWN = (
     materials,
     squeeze,
     viewer,
+    sweep,
 )
 PICTURES = {each.__name__: each for each in DRAWN}
 

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The scenes of `config`, without a node."""
+"""The scenes of `config`, without a node, and the files in the pages."""
 
 import pathlib
+import re
 
 from softbody_ros.core import World
 from softbody_ros.scene import parameters
@@ -24,3 +25,9 @@ def scene(name):
 
 def world_of(name):
     return World(scene(name).world)
+
+
+def file_of_page(page, name):
+    """Return the text of a file that a page shows, with its name in the first line."""
+    text = (ROOT / 'docs' / page).read_text()
+    return re.search(rf'^```\w+\n(# {name}: .*?)^```', text, re.M | re.S)[1]

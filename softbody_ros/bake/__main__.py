@@ -16,8 +16,8 @@ import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from softbody_ros.bake.film import Film, Writer
-    from softbody_ros.scene.parameters import Scene
+    from softbody_ros.bake.writing import Writer
+    from softbody_ros.ensemble.film import Film
 
 USD = ('softbody_ros.bake.usd', 'UsdWriter', 'pxr', 'usd-core')
 GLTF = ('softbody_ros.bake.gltf', 'GltfWriter', 'pygltflib', 'pygltflib')
@@ -107,17 +107,17 @@ def _path(text: str) -> Path:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from softbody_ros.bake.film import Film
     from softbody_ros.core.warm_up import compile_ahead
+    from softbody_ros.ensemble.running import run
 
-    scene = _scene(options)
+    values = _values(options)
     outputs = options.output or [_default_output(options.scene)]
     writers = [_writer(path) for path in outputs]
     places = [path.resolve() for path in outputs]
     for path, place in zip(outputs, places, strict=True):
         if places.count(place) > 1:
             raise Refusal(f'the output {path} is given twice: give each file its own name')
-    film = Film(scene, options.seconds, options.fps)
+    film = run(values, {}, options.seconds, options.fps)
     for sentence in film.world.notes:
         _warn(sentence)
     for path in outputs:
@@ -164,7 +164,7 @@ def _writer(path: Path) -> Any:
     return getattr(importlib.import_module(module), writer)
 
 
-def _scene(options: argparse.Namespace) -> Scene:
+def _values(options: argparse.Namespace) -> dict[str, Any]:
     from softbody_ros.scene import parameters
     from softbody_ros.scene.scene_file import NODE, read_scene
 
@@ -173,7 +173,7 @@ def _scene(options: argparse.Namespace) -> Scene:
     values, unknown = parameters.known_values(read_scene(options.scene, options.param))
     for name, hint in unknown.items():
         _warn(f'parameter {name} is unknown and ignored: {hint}')
-    return parameters.make_scene(values)
+    return values
 
 
 def _warn_if_large(path: Path, film: Film) -> None:

@@ -16,11 +16,12 @@ import numpy as np
 import pygltflib
 from pygltflib import GLTF2, Accessor, Attributes, BufferView
 
-from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
+from softbody_ros.bake.writing import OBSTACLE_COLOR, linear, quaternion
 from softbody_ros.core import ConfigError, Surface
 from softbody_ros.core.collision.shapes import obstacle_surface
 from softbody_ros.core.geometry.glb import MARK
 from softbody_ros.core.geometry.shading import shading
+from softbody_ros.ensemble.film import Film, Frame
 
 LARGEST = 2**32 - 1
 """Most bytes in a file: the length in its header has 32 bits."""

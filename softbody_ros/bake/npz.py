@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from softbody_ros.bake.film import Film, Frame
+from softbody_ros.ensemble.film import Film, Frame
 
 
 class NpzWriter:

@@ -21,11 +21,12 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 
-from softbody_ros.bake.film import OBSTACLE_COLOR, Film, Frame, linear, quaternion
+from softbody_ros.bake.writing import OBSTACLE_COLOR, linear, quaternion
 from softbody_ros.core import Surface
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.shapes import obstacle_surface
 from softbody_ros.core.geometry.shading import Shading, shading
+from softbody_ros.ensemble.film import Film, Frame
 
 ROOT = '/scene'
 SAVED_AT_ONCE = 64 << 20

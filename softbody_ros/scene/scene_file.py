@@ -65,7 +65,7 @@ def read_scene(path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
 def scene_of(text: str, path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
     """Return the values in the text of a file, see `read_scene`; `path` is for messages only."""
     sections: dict[str, dict[str, Any]] = {}
-    root = _composed(text, f'scene {path}')
+    root = composed(text, f'scene {path}')
     if root is not None:
         for section, parameters in _sections(root, (), path):
             sections.setdefault(section, {}).update(_flattened(parameters, '', path))
@@ -78,7 +78,8 @@ def scene_of(text: str, path: str, assignments: Sequence[str] = ()) -> dict[str,
     return values
 
 
-def _composed(text: str, what: str) -> yaml.Node | None:
+def composed(text: str, what: str) -> yaml.Node | None:
+    """Return the root of a YAML text, None if there is nothing; `what` is for messages."""
     try:
         if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
             raise ConfigError(f'{what} has an alias (*), which ROS does not take: write it out')
@@ -97,7 +98,7 @@ def _sections(
     """Yield the node name of each section, which may have wildcards, and its parameters."""
     if not isinstance(node, yaml.MappingNode):
         raise ConfigError(
-            f'scene {path}, line {_line(node)}: parameters stand below the name of a node and '
+            f'scene {path}, line {line_of(node)}: parameters stand below the name of a node and '
             f'{PARAMETERS}, for example /**: {{{PARAMETERS}: {{bodies: [ball]}}}}'
         )
     for name, value in _entries(node, path):
@@ -106,7 +107,7 @@ def _sections(
         elif isinstance(value, yaml.MappingNode):
             yield '/'.join(names), value
         else:
-            raise ConfigError(f'scene {path}, line {_line(node)}: {PARAMETERS} is not a map')
+            raise ConfigError(f'scene {path}, line {line_of(node)}: {PARAMETERS} is not a map')
 
 
 def _means_the_node(section: str) -> bool:
@@ -122,7 +123,7 @@ def _flattened(parameters: yaml.MappingNode, prefix: str, path: str) -> dict[str
         if isinstance(value, yaml.MappingNode):
             values |= _flattened(value, f'{prefix}{name}.', path)
         else:
-            what = f'scene {path}, line {_line(value)}: {prefix}{name}'
+            what = f'scene {path}, line {line_of(value)}: {prefix}{name}'
             values[prefix + name] = _value(value, what)
     return values
 
@@ -130,7 +131,7 @@ def _flattened(parameters: yaml.MappingNode, prefix: str, path: str) -> dict[str
 def _entries(node: yaml.MappingNode, path: str) -> Iterator[tuple[str, yaml.Node]]:
     for key, value in node.value:
         if not isinstance(key, yaml.ScalarNode):
-            raise ConfigError(f'scene {path}, line {_line(key)}: a name must be a text')
+            raise ConfigError(f'scene {path}, line {line_of(key)}: a name must be a text')
         yield key.value, value
 
 
@@ -138,7 +139,7 @@ def _assigned(assignment: str) -> tuple[str, Any]:
     name, sign, text = assignment.partition(':=')
     if not (name and sign):
         raise ConfigError(f'-p {assignment} is not NAME:=VALUE, such as ball.stiffness:=0.1')
-    node = _composed(text, f'-p {assignment}')
+    node = composed(text, f'-p {assignment}')
     if node is None or isinstance(node, yaml.MappingNode):
         raise ConfigError(f'-p {assignment} has no value: give a number, a text or a list')
     return name, _value(node, f'-p {assignment}: {name}')
@@ -146,16 +147,16 @@ def _assigned(assignment: str) -> tuple[str, Any]:
 
 def _value(node: yaml.Node, what: str) -> Any:
     if isinstance(node, yaml.ScalarNode):
-        return _scalar(node, what)
+        return scalar(node, what)
     items = [
-        _scalar(item, what) if isinstance(item, yaml.ScalarNode) else None for item in node.value
+        scalar(item, what) if isinstance(item, yaml.ScalarNode) else None for item in node.value
     ]
     if len({type(item) for item in items}) > 1 or None in items:
         raise ConfigError(f'{what} must be a list of one type, as ROS wants it: 0.0 beside 1.5')
     return items or None
 
 
-def _scalar(node: yaml.ScalarNode, what: str) -> bool | int | float | str:
+def scalar(node: yaml.ScalarNode, what: str) -> bool | int | float | str:
     """Return the value of a scalar in rcl: get_value in rcl_yaml_param_parser/src/parse.c."""
     text = str(node.value)
     if node.style in ('"', "'"):
@@ -174,5 +175,6 @@ def _scalar(node: yaml.ScalarNode, what: str) -> bool | int | float | str:
     return text
 
 
-def _line(node: yaml.Node) -> int:
+def line_of(node: yaml.Node) -> int:
+    """Return the line on which a node begins, from 1."""
     return int(node.start_mark.line) + 1

@@ -6,10 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import ConfigError, ObstacleConfig, Surface, World
 from softbody_ros.core.collision.obstacles import Obstacle
@@ -17,7 +15,6 @@ from softbody_ros.scene.parameters import Scene
 
 LONGEST = 86400.0
 """Longest film, s."""
-OBSTACLE_COLOR = (0.8, 0.82, 0.86, 1.0)
 
 
 @dataclass(frozen=True)
@@ -65,15 +62,7 @@ class Film:
     world: World = field(init=False)
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.seconds <= LONGEST:
-            raise ConfigError(f'seconds is {self.seconds:g}: it must be from 0 to {LONGEST:g}')
-        # 1 / (1/240) is slightly below 240 in floating point
-        ticks = round(1.0 / self.scene.world.time_step, 6)
-        if not 0.0 < self.fps <= ticks:
-            raise ConfigError(
-                f'fps is {self.fps:g}: it must be above 0 and at most {ticks:g}, the ticks of the '
-                'scene in a second; for more give a smaller time_step'
-            )
+        require_rate(self.seconds, self.fps, self.scene.world.time_step)
         object.__setattr__(self, 'world', World(self.scene.world))
 
     @property
@@ -130,26 +119,22 @@ class Film:
         return reach
 
 
-class Writer(Protocol):
-    """Writer of one film: takes the frames in order, then completes its file."""
-
-    def add(self, frame: Frame) -> None:
-        """Take a frame."""
-
-    def finish(self) -> None:
-        """Complete the file."""
-
-
-def linear(color: tuple[float, ...]) -> tuple[float, ...]:
+def require_rate(seconds: float, fps: float, time_step: float) -> None:
     """
-    Return red, green and blue, linear in light, and the same alpha.
+    Check the length of a film, s, and its frame rate, 1/s, for ticks of a length, s.
 
-    Colours in ROS are sRGB, those of USD and glTF linear. IEC 61966-2-1.
+    Raises
+    ------
+    ConfigError
+        if the frame rate exceeds that of the ticks, or the film is too long.
+
     """
-    rgb = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
-    return (*rgb, color[3])
-
-
-def quaternion(obstacle: Obstacle) -> tuple[float, ...]:
-    """Return the orientation of an obstacle, x y z w."""
-    return tuple(Rotation.from_matrix(obstacle.rotation).as_quat().tolist())
+    if not 0.0 <= seconds <= LONGEST:
+        raise ConfigError(f'seconds is {seconds:g}: it must be from 0 to {LONGEST:g}')
+    # 1 / (1/240) is slightly below 240 in floating point
+    ticks = round(1.0 / time_step, 6)
+    if not 0.0 < fps <= ticks:
+        raise ConfigError(
+            f'fps is {fps:g}: it must be above 0 and at most {ticks:g}, the ticks of the scene in '
+            'a second; for more give a smaller time_step'
+        )
