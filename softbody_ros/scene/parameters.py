@@ -454,3 +454,11 @@ def as_parameter(value: Any, facts: Setting) -> Any:
 def normal(value: Any, facts: Setting) -> Any:
     """Return a value as it is declared: floats where they are meant, no empty lists."""
     return as_parameter(promoted(value, facts), facts)
+
+
+def type_name(facts: Setting) -> str:
+    """Return the name of the type in ROS tools."""
+    names = {bool: 'bool', int: 'integer', float: 'double', str: 'string'}
+    if isinstance(facts.default, tuple):
+        return names[facts.items or float] + ' array'
+    return names[type(facts.default)]

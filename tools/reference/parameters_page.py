@@ -9,7 +9,7 @@ from reference.markdown import code, page, table
 from softbody_ros.core.config import Setting
 from softbody_ros.scene import parameters
 from softbody_ros.scene.groups import GROUPS, Group
-from softbody_ros.scene.parameters import SceneLists
+from softbody_ros.scene.parameters import SceneLists, type_name
 
 PARAMETERS = parameters.table(SceneLists())
 HEAD = ('parameter', 'type', 'default', 'range', 'unit', 'description')
@@ -47,20 +47,12 @@ def _row(name: str, facts: Setting) -> tuple[str, ...]:
     default = default_text(facts.default)
     return (
         f'`{name}`{fixed}',
-        _type_name(facts),
+        type_name(facts),
         code(default) if default else "`''`",
         facts.range_text,
         facts.unit,
         facts.description,
     )
-
-
-def _type_name(facts: Setting) -> str:
-    """Return the name of the type in ROS tools."""
-    names = {bool: 'bool', int: 'integer', float: 'double', str: 'string'}
-    if isinstance(facts.default, tuple):
-        return names[facts.items or float] + ' array'
-    return names[type(facts.default)]
 
 
 def default_text(default: Any) -> str:
