@@ -1,0 +1,216 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The search for the parameters: differential evolution, then least squares from its best.
+
+The time of an impact, and whether something slides or rolls, make many local minima, and contacts
+make a motion piecewise smooth: derivatives are central differences over steps that are large
+beside the pieces first, and become smaller. All is in coordinates from 0 to 1 between the bounds,
+and in units of the noise. Nothing depends on how many runs are made at a time.
+
+References
+----------
+R. Storn and K. Price, Differential Evolution, Journal of Global Optimization 11 (4), 1997.
+M. A. Branch, T. F. Coleman and Y. Li, A Subspace, Interior, and Conjugate Gradient Method for
+Large-Scale Bound-Constrained Minimization Problems, SIAM Journal on Scientific Computing 21 (1),
+1999.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+import threading
+
+import numpy as np
+from scipy.optimize import OptimizeResult, differential_evolution, least_squares
+from scipy.stats import qmc
+
+from softbody_ros.core import SimulationError
+from softbody_ros.ensemble.fit_problem import Outcome, Problem
+
+STEPS = (1e-2, 1e-3, 1e-4)
+"""Of the differences, in coordinates, from one descent to the next."""
+MEMBERS = 16
+"""Of the population, for each parameter."""
+GENERATIONS = 7
+STARTS, APART = 3, 0.1
+"""Of descents, and how far they are from each other at least, in coordinates."""
+EVALUATIONS = 15
+"""Most in one descent."""
+TOLERANCE = 1e-6
+"""Relative change of the loss or the coordinates that ends a descent."""
+
+Evaluate = Callable[[Sequence[np.ndarray]], list[Outcome]]
+"""Returns the outcomes at coordinates, in order; several threads call it at a time."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """
+    The best parameters.
+
+    Attributes
+    ----------
+    coordinates : (p,) float
+    jacobian : (n, p) float
+        of the residuals by the coordinates, rows weighted by the loss
+    residuals : (n,) float
+        in units of the noise
+    runs, failures : int
+        how many runs were made, and failed
+
+    """
+
+    coordinates: np.ndarray
+    jacobian: np.ndarray
+    residuals: np.ndarray
+    runs: int
+    failures: int
+
+
+def cost(residuals: np.ndarray) -> float:
+    """Return half the sum of the loss soft_l1 of residuals in units of the noise."""
+    return float((np.sqrt(1.0 + residuals**2) - 1.0).sum())
+
+
+def search(
+    problem: Problem,
+    evaluate: Evaluate,
+    seed: int = 0,
+    members: int = MEMBERS,
+    generations: int = GENERATIONS,
+) -> Solution:
+    """
+    Return the parameters with which the scene reproduces the observation best.
+
+    Parameters
+    ----------
+    problem : Problem
+    evaluate : callable
+    seed : int
+        of the population
+    members, generations : int
+        of the population for each parameter, and how often it is renewed
+
+    Raises
+    ------
+    SimulationError
+        if no run succeeds.
+
+    """
+    runs = _Runs(evaluate, len(problem.unknowns))
+    starts = _starts(problem, runs, seed, members, generations)
+    with ThreadPoolExecutor(len(starts)) as threads:
+        found = list(threads.map(lambda start: runs.descend(start, STEPS[0]), starts))
+    best = min(found, key=lambda result: cost(result.fun))
+    for step in STEPS[1:]:
+        finer = runs.descend(best.x, step)
+        best = finer if cost(finer.fun) <= cost(best.fun) else best
+    # differences of the same step and weights, whichever descent was the best
+    jacobian = runs.jacobian(best.x, STEPS[1]) * (1.0 + best.fun**2)[:, None] ** -0.25
+    return Solution(best.x, jacobian, best.fun, runs.count, runs.failures)
+
+
+def _starts(
+    problem: Problem, runs: _Runs, seed: int, members: int, generations: int
+) -> list[np.ndarray]:
+    """Return the best places of an evolution, apart from each other."""
+    count = len(problem.unknowns)
+    random = np.random.default_rng(seed)
+    places = qmc.LatinHypercube(count, rng=random).random(members * count)
+    own = np.array([unknown.coordinate(unknown.start) for unknown in problem.unknowns])
+    if own.min() >= 0.0 and own.max() <= 1.0:
+        places[0] = own
+    result = differential_evolution(
+        lambda columns: runs.costs(list(columns.T)),
+        [(0.0, 1.0)] * count,
+        init=places, maxiter=generations, tol=0.0, rng=random, polish=False,
+        vectorized=True, updating='deferred',
+    )  # fmt: skip
+    if not np.isfinite(result.fun):
+        raise SimulationError(
+            f'none of {runs.count} runs within the bounds can be simulated: {runs.failure}'
+        )
+    starts: list[np.ndarray] = []
+    for index in np.argsort(result.population_energies, kind='stable'):
+        place = result.population[index]
+        is_new = all(np.abs(place - other).max() > APART for other in starts)
+        if np.isfinite(result.population_energies[index]) and is_new and len(starts) < STARTS:
+            starts.append(place)
+    return starts
+
+
+class _Runs:
+    """Makes runs, and counts them."""
+
+    def __init__(self, evaluate: Evaluate, parameters: int) -> None:
+        self._evaluate = evaluate
+        self._parameters = parameters
+        self._lock = threading.Lock()
+        self.count = 0
+        self.failures = 0
+        self.failure = ''
+
+    def outcomes(self, places: Sequence[np.ndarray]) -> list[Outcome]:
+        outcomes = self._evaluate(places)
+        failed = [outcome.failure for outcome in outcomes if outcome.residuals is None]
+        with self._lock:
+            self.count += len(outcomes)
+            self.failures += len(failed)
+            self.failure = self.failure or next(iter(failed), '')
+        return outcomes
+
+    def costs(self, places: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the loss at places; where a run fails it is infinite."""
+        return np.array(
+            [
+                np.inf if outcome.residuals is None else cost(outcome.residuals)
+                for outcome in self.outcomes(places)
+            ]
+        )
+
+    def descend(self, start: np.ndarray, step: float) -> OptimizeResult:
+        """Return the least squares from a start, at which a run succeeds."""
+
+        def residuals(place: np.ndarray) -> np.ndarray:
+            outcome = self.outcomes([place])[0]
+            # least_squares takes a smaller step where there is no number
+            return np.full(size, np.inf) if outcome.residuals is None else outcome.residuals
+
+        first = self.outcomes([start])[0].residuals
+        assert first is not None
+        size = len(first)
+        return least_squares(
+            residuals,
+            start,
+            jac=lambda place: self.jacobian(place, step),
+            bounds=(0.0, 1.0),
+            loss='soft_l1',
+            # far from the solution every point is an outlier, and has to count as none
+            f_scale=max(1.0, float(np.median(np.abs(first)))),
+            xtol=TOLERANCE, ftol=TOLERANCE, max_nfev=EVALUATIONS,
+        )  # fmt: skip
+
+    def jacobian(self, place: np.ndarray, step: float) -> np.ndarray:
+        """Return central differences (n, p), one-sided at bounds and beside failures."""
+        ends = []
+        for k in range(self._parameters):
+            for side in (step, -step):
+                end = place.copy()
+                end[k] = np.clip(place[k] + side, 0.0, 1.0)
+                ends.append(end)
+        here, *outcomes = (outcome.residuals for outcome in self.outcomes([place, *ends]))
+        assert here is not None
+        columns = []
+        for k in range(self._parameters):
+            values, at = [], []
+            for index in (2 * k, 2 * k + 1):
+                residuals = outcomes[index]
+                values.append(here if residuals is None else residuals)
+                at.append(place[k] if residuals is None else ends[index][k])
+            width = at[0] - at[1]
+            columns.append((values[0] - values[1]) / width if width else np.zeros_like(here))
+        return np.stack(columns, axis=1)
