@@ -104,15 +104,10 @@ def judge(unknowns: Sequence[Unknown], solution: Solution, noise: float) -> Verd
             notes[k] = note
             warnings.append(f'{unknown.name} is {note}: widen its bounds if it can be')
     estimates = [
-        Estimate(unknown, rounded(unknown.value(place[k])), deviations.get(k), notes[k])
+        Estimate(unknown, unknown.value(place[k]), deviations.get(k), notes[k])
         for k, unknown in enumerate(unknowns)
     ]
     return Verdict(estimates, warnings + _poor(residuals, rms, noise), rms, place)
-
-
-def rounded(value: float) -> float:
-    """Return a value without the rounding of its coordinate."""
-    return float(f'{value:.10g}')
 
 
 def _directions(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

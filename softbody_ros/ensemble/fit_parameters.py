@@ -99,7 +99,8 @@ class Unknown:
             value = self.low * (self.high / self.low) ** coordinate
         else:
             value = self.low + (self.high - self.low) * coordinate
-        return float(min(max(value, self.low), self.high))
+        # ten digits: the value of the scene comes back as it was written
+        return min(max(float(f'{value:.10g}'), self.low), self.high)
 
     def coordinate(self, value: float) -> float:
         """Return the coordinate of a value."""
@@ -220,7 +221,7 @@ def make_unknown(scene: Mapping[str, Any], name: str, bounds: Any) -> Unknown:
             raise ConfigError(
                 f'{name} is a vector: fit its components, such as -p {name}.x -p {name}.z'
             )
-        raise ConfigError(f'{name} has no components: fit {parameter}')
+        raise ConfigError(f'{parameter} has no component {name[-1]}: fit {parameter} itself')
     whole = normal(scene.get(parameter, facts.default), facts)
     whole = checked(parameter, whole, facts)
     start = whole if component is None else whole[component]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from softbody_ros.ensemble.fit_estimates import Verdict, rounded
+from softbody_ros.ensemble.fit_estimates import Verdict
 from softbody_ros.ensemble.fit_parameters import OFFSET, fitted_values, offset_of
 from softbody_ros.ensemble.fit_problem import Match, Problem, matches
 from softbody_ros.ensemble.fit_search import Solution
@@ -48,7 +48,7 @@ def scene_text(problem: Problem, verdict: Verdict, source: str) -> str:
     """
     values = fitted_values(problem.scene, problem.unknowns, verdict.coordinates)
     known = table(scene_lists(values))
-    scene = {name: _plain(normal(value, known[name])) for name, value in values.items()}
+    scene = {name: normal(value, known[name]) for name, value in values.items()}
     facts: dict[str, Any] = {
         'residual_rms': float(verdict.rms * problem.noise),
         'noise': float(problem.noise),
@@ -64,13 +64,6 @@ def scene_text(problem: Problem, verdict: Verdict, source: str) -> str:
     body = {EVERY_NODE: {PARAMETERS: _nested(scene)}, SECTION: {PARAMETERS: facts}}
     comment = ''.join(f'# {line}\n' for line in head)
     return comment + yaml.safe_dump(body, sort_keys=False, allow_unicode=True)
-
-
-def _plain(value: Any) -> Any:
-    """Return a value with its numbers rounded."""
-    if isinstance(value, list):
-        return [_plain(each) for each in value]
-    return rounded(value) if isinstance(value, float) else value
 
 
 def _nested(values: dict[str, Any]) -> dict[str, Any]:
