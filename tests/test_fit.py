@@ -91,7 +91,8 @@ def test_all_four_are_found_again_from_a_film_without_noise():
 
 
 def test_all_four_are_found_again_by_a_camera_with_noise():
-    verdict, solution = solved(problem_of(clouds_of(filmed(TRUTH)), TRUTH))
+    problem = problem_of(clouds_of(filmed(TRUTH)), TRUTH)
+    verdict, solution = solved(problem, members=8, generations=4)
     assert len(solution.residuals) > 5000
     for each in verdict.estimates:
         name = each.unknown.name
@@ -120,8 +121,9 @@ def test_the_time_and_the_start_can_be_fitted_too():
     late = Observation(recording.times + 0.0123, film_of(recording).clouds)
     scene = SCENE | {'ball.position': [0.0, 0.0, 1.15]}
     verdict, _ = solved(
-        problem_of(late, ['time_offset', 'ball.position.z:=[1.1,1.3]'], scene, begin=0.1)
-    )
+        problem_of(late, ['time_offset', 'ball.position.z:=[1.1,1.3]'], scene, begin=0.1),
+        members=8, generations=3,
+    )  # fmt: skip
     assert values_of(verdict)['time_offset'] == pytest.approx(-0.0123, abs=2e-4)
     assert values_of(verdict)['ball.position.z'] == pytest.approx(1.2, abs=1e-3)
 
@@ -131,7 +133,7 @@ def test_the_modulus_is_searched_by_its_logarithm():
     names = ['ball.young_modulus:=[100.0,100000.0]']
     problem = problem_of(film_of(filmed({'ball.young_modulus': 4e3}, 0.9)), names, scene)
     assert problem.unknowns[0].value(0.5) == pytest.approx(10**3.5)
-    verdict, _ = solved(problem)
+    verdict, _ = solved(problem, members=8, generations=3)
     assert values_of(verdict)['ball.young_modulus'] == pytest.approx(4e3, rel=0.02)
 
 
@@ -151,7 +153,9 @@ def test_what_cannot_be_told_apart_is_said():
     names = ['ball.bounciness', 'ball.elasticity']
     scene = SCENE | {'ball.position': [0.0, 0.0, 0.6]}
     values = {'ball.bounciness': 0.6, 'ball.elasticity': 0.5}
-    verdict, _ = solved(problem_of(film_of(filmed(values, 0.25, scene)), names, scene))
+    verdict, _ = solved(
+        problem_of(film_of(filmed(values, 0.25, scene)), names, scene), members=8, generations=2
+    )
     found = values_of(verdict)
     assert np.prod(list(found.values())) == pytest.approx(0.3, rel=0.02)
     assert [each.deviation for each in verdict.estimates] == [None, None]

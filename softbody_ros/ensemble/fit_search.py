@@ -40,8 +40,6 @@ STARTS, APART = 3, 0.1
 """Of descents, and how far they are from each other at least, in coordinates."""
 EVALUATIONS = 15
 """Most in one descent."""
-TOLERANCE = 1e-6
-"""Relative change of the loss or the coordinates that ends a descent."""
 
 Evaluate = Callable[[Sequence[np.ndarray]], list[Outcome]]
 """Returns the outcomes at coordinates, in order; several threads call it at a time."""
@@ -191,7 +189,8 @@ class _Runs:
             loss='soft_l1',
             # far from the solution every point is an outlier, and has to count as none
             f_scale=max(1.0, float(np.median(np.abs(first)))),
-            xtol=TOLERANCE, ftol=TOLERANCE, max_nfev=EVALUATIONS,
+            # what is not resolved is not worth a run
+            xtol=step**2, ftol=step**2, max_nfev=EVALUATIONS,
         )  # fmt: skip
 
     def jacobian(self, place: np.ndarray, step: float) -> np.ndarray:
