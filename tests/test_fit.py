@@ -84,7 +84,7 @@ def values_of(verdict):
 
 # --------------------------------------------------------------------------------- own parameters
 def test_all_four_are_found_again_from_a_film_without_noise():
-    verdict, _ = solved(problem_of(film_of(filmed(TRUTH)), TRUTH))
+    verdict, _ = solved(problem_of(film_of(filmed(TRUTH)), TRUTH), members=12, generations=5)
     for name, value in TRUTH.items():
         assert values_of(verdict)[name] == pytest.approx(value, rel=0.02), name
     assert verdict.rms < 0.1 and not verdict.warnings
@@ -619,6 +619,7 @@ def alive(pid):
         (['film.npz', '-p', 'ball.stiffness', '-o', 'no/x.yaml'], 'the folder of the output no/x'),
         (['film.npz', '-p', 'ball.stiffness', '--from', '7'], 'the observation lasts from 0 to'),
         (['film.npz', '-p', 'ball.stiffness', '-p', 'ball.mass:=-1'], 'ball.mass is -1'),
+        (['film.npz', '-p', 'ball.stiffness', '-p', 'time_offset:=1.0'], 'time_offset is fitted'),
     ],
 )
 def test_faults_are_one_sentence_and_leave_nothing(

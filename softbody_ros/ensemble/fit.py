@@ -205,7 +205,7 @@ def _require_packages() -> None:
 
 
 def _problem(options: argparse.Namespace) -> Problem:
-    from softbody_ros.ensemble.fit_parameters import make_unknown, separate
+    from softbody_ros.ensemble.fit_parameters import OFFSET, make_unknown, separate
     from softbody_ros.ensemble.fit_targets import Choice, make_problem
     from softbody_ros.ensemble.observation import read_observation
     from softbody_ros.scene import parameters
@@ -214,6 +214,8 @@ def _problem(options: argparse.Namespace) -> Problem:
     fitted, assigned = separate(options.param)
     if not fitted:
         raise Refusal('nothing is fitted: name parameters, such as -p ball.stiffness')
+    if OFFSET in assigned:
+        raise Refusal(f'{OFFSET} is fitted with -p {OFFSET}, and set with --time-offset')
     scene, unknown = parameters.known_values(read_scene(options.scene))
     for name, hint in unknown.items():
         _warn(f'parameter {name} is unknown and ignored: {hint}')

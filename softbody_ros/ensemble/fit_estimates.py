@@ -3,8 +3,15 @@
 """
 How well each parameter is known: standard deviations, and what cannot be told apart.
 
-The covariance is that of least squares, σ² (Jᵀ J)⁻¹, with the variance of the residuals. It takes
-the errors of points as independent, and the scene as right in all else.
+The covariance is that of an M-estimator, ⟨ψ²⟩ / ⟨ψ'⟩² (Jᵀ J)⁻¹ with the derivative ψ of the loss
+and the residuals that there are; of least squares it would be σ² (Jᵀ J)⁻¹. It takes the errors of
+points as independent, and the scene as right in all else.
+
+References
+----------
+P. J. Huber, Robust Regression: Asymptotics, Conjectures and Monte Carlo, The Annals of Statistics
+1 (5), 1973.
+
 """
 
 from __future__ import annotations
@@ -15,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.ensemble.fit_parameters import Unknown
-from softbody_ros.ensemble.fit_search import Solution
+from softbody_ros.ensemble.fit_search import ROBUST, Solution
 
 VAGUE = 0.15
 """Standard deviation, as a share of the bounds, from which on a parameter is not determined."""
@@ -71,7 +78,8 @@ def judge(unknowns: Sequence[Unknown], solution: Solution, noise: float) -> Verd
     residuals, place = solution.residuals, solution.coordinates.copy()
     rms = float(np.sqrt(np.mean(residuals**2)))
     freedom = max(len(residuals) - len(unknowns), 1)
-    spread = float(np.sqrt((residuals**2 / np.sqrt(1.0 + residuals**2)).sum() / freedom))
+    weights = 1.0 / (1.0 + (residuals / ROBUST) ** 2)
+    spread = float(np.sqrt((weights * residuals**2).sum() / freedom) / np.mean(weights**1.5))
     lengths = np.linalg.norm(solution.jacobian, axis=0)
     # a film without noise determines nothing that a real observation would not
     information = lengths / max(spread, 1.0)

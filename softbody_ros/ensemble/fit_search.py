@@ -33,6 +33,10 @@ from softbody_ros.ensemble.fit_problem import Outcome, Problem
 
 STEPS = (1e-2, 1e-3, 1e-4)
 """Of the differences, in coordinates, from one descent to the next."""
+LAST_STEPS = (1e-3, 3e-4, 1e-4)
+"""Of those for the uncertainties."""
+ROBUST = 2.0
+"""Residual, in units of the noise, from which on the loss grows slower than its square."""
 MEMBERS = 16
 """Of the population, for each parameter."""
 GENERATIONS = 7
@@ -54,7 +58,7 @@ class Solution:
     ----------
     coordinates : (p,) float
     jacobian : (n, p) float
-        of the residuals by the coordinates, rows weighted by the loss
+        of the residuals by the coordinates
     residuals : (n,) float
         in units of the noise
     runs, failures : int
@@ -71,7 +75,7 @@ class Solution:
 
 def cost(residuals: np.ndarray) -> float:
     """Return half the sum of the loss soft_l1 of residuals in units of the noise."""
-    return float((np.sqrt(1.0 + residuals**2) - 1.0).sum())
+    return float(ROBUST**2 * (np.sqrt(1.0 + (residuals / ROBUST) ** 2) - 1.0).sum())
 
 
 def search(
@@ -107,8 +111,8 @@ def search(
     for step in STEPS[1:]:
         finer = runs.descend(best.x, step)
         best = finer if cost(finer.fun) <= cost(best.fun) else best
-    # differences of the same step and weights, whichever descent was the best
-    jacobian = runs.jacobian(best.x, STEPS[1]) * (1.0 + best.fun**2)[:, None] ** -0.25
+    # over some of the steps the motion has a kink
+    jacobian = np.median([runs.jacobian(best.x, step) for step in LAST_STEPS], axis=0)
     return Solution(best.x, jacobian, best.fun, runs.count, runs.failures)
 
 
@@ -188,7 +192,7 @@ class _Runs:
             bounds=(0.0, 1.0),
             loss='soft_l1',
             # far from the solution every point is an outlier, and has to count as none
-            f_scale=max(1.0, float(np.median(np.abs(first)))),
+            f_scale=max(ROBUST, float(np.median(np.abs(first)))),
             # what is not resolved is not worth a run
             xtol=step**2, ftol=step**2, max_nfev=EVALUATIONS,
         )  # fmt: skip

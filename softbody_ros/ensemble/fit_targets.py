@@ -72,34 +72,26 @@ def make_problem(
     world = World(make_scene(dict(scene)).world)
     frames = _chosen_frames(observation.times, choice)
     parts = _parts(world.names, observation, choice)
-    known = {
-        name: _corresponds(
-            world, parts[name], [observation.clouds[name][k] for k in frames], choice
-        )
-        for name in parts
-    }
-    random = np.random.default_rng(choice.seed)
-    total = sum(
-        int(np.isfinite(observation.clouds[name][k]).all(axis=1).sum())
-        for name in parts
-        for k in frames
-    )
+    clouds = {name: [observation.clouds[name][k] for k in frames] for name in parts}
+    total = sum(len(_finite(cloud)) for each in clouds.values() for cloud in each)
     if not total:
         raise ObservationError('the observation has no points in the chosen time')
-    share = min(1.0, MOST_POINTS / total)
+    share, random = min(1.0, MOST_POINTS / total), np.random.default_rng(choice.seed)
     targets = []
     for name, bodies in parts.items():
-        clouds = [observation.clouds[name][k] for k in frames]
-        rows = [_sample(cloud, share, random) for cloud in clouds]
+        rows = [_sample(cloud, share, random) for cloud in clouds[name]]
+        points = [cloud[each] for cloud, each in zip(clouds[name], rows, strict=True)]
         targets.append(
             Target(
                 bodies,
                 np.repeat(np.arange(len(frames)), [len(each) for each in rows]),
-                np.concatenate([cloud[each] for cloud, each in zip(clouds, rows, strict=True)]),
-                np.concatenate(rows) if known[name] else None,
+                np.concatenate(points),
+                np.concatenate(rows)
+                if _corresponds(world, bodies, clouds[name], choice)
+                else None,
             )
         )
-    noise = choice.noise or NOISE[all(known.values())]
+    noise = choice.noise or NOISE[all(target.vertices is not None for target in targets)]
     times = observation.times[frames] + choice.offset
     return Problem(dict(scene), tuple(unknowns), times, tuple(targets), noise)
 
@@ -170,10 +162,14 @@ def _unknown(world: World, bodies: Sequence[str]) -> bool:
     return False
 
 
+def _finite(cloud: np.ndarray) -> np.ndarray:
+    """Return the indices of the points of a cloud that are numbers."""
+    return np.flatnonzero(np.isfinite(cloud).all(axis=1))
+
+
 def _sample(cloud: np.ndarray, share: float, random: np.random.Generator) -> np.ndarray:
-    """Return ascending indices of a share of the points of a cloud that are finite."""
-    rows = np.flatnonzero(np.isfinite(cloud).all(axis=1))
+    """Return ascending indices of a share of the points of a cloud that are numbers."""
+    rows = _finite(cloud)
     if share == 1.0 or not len(rows):
         return rows
-    count = max(1, int(share * len(rows)))
-    return np.sort(random.choice(rows, count, replace=False))
+    return np.sort(random.choice(rows, max(1, int(share * len(rows))), replace=False))
