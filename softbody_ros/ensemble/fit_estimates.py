@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softbody_ros.ensemble.fit_parameters import Unknown
-from softbody_ros.ensemble.fit_search import ROBUST, Solution
+from softbody_ros.ensemble.fit_search import POOR, ROBUST, Solution
 
 VAGUE = 0.15
 """Standard deviation, as a share of the bounds, from which on a parameter is not determined."""
@@ -34,8 +34,6 @@ AT_BOUND = 2e-3
 """Share of the bounds."""
 SIMPLE = 0.1
 """How far a ratio of relative changes may be from 1 for a product or a quotient."""
-POOR = 2.0
-"""RMS of the residuals, in units of the noise, from which on a fit is poor."""
 OUTLIER = 5.0
 """Residual, in units of the noise, from which on a point is an outlier."""
 

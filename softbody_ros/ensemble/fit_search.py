@@ -31,15 +31,19 @@ from scipy.stats import qmc
 from softbody_ros.core import SimulationError
 from softbody_ros.ensemble.fit_problem import Outcome, Problem
 
-STEPS = (1e-2, 1e-3, 1e-4)
-"""Of the differences, in coordinates, from one descent to the next."""
-LAST_STEPS = (1e-3, 3e-4, 1e-4)
-"""Of those for the uncertainties."""
+COARSE = (1e-2,)
+"""Step of the differences of the first descents, in coordinates."""
+FINE = ((1e-3,), (1e-3, 3e-4, 1e-4))
+"""Of the last ones: of several the median is taken, as over some of them a motion has a kink."""
 ROBUST = 2.0
 """Residual, in units of the noise, from which on the loss grows slower than its square."""
+POOR = 2.0
+"""RMS of the residuals, in units of the noise, from which on a fit is poor."""
 MEMBERS = 16
 """Of the population, for each parameter."""
 GENERATIONS = 7
+ATTEMPTS = 3
+"""Most evolutions: another one, if the best fit is poor."""
 STARTS, APART = 3, 0.1
 """Of descents, and how far they are from each other at least, in coordinates."""
 EVALUATIONS = 15
@@ -103,25 +107,31 @@ def search(
         if no run succeeds.
 
     """
-    runs = _Runs(evaluate, len(problem.unknowns))
-    starts = _starts(problem, runs, seed, members, generations)
-    with ThreadPoolExecutor(len(starts)) as threads:
-        found = list(threads.map(lambda start: runs.descend(start, STEPS[0]), starts))
-    best = min(found, key=lambda result: cost(result.fun))
-    for step in STEPS[1:]:
-        finer = runs.descend(best.x, step)
+    runs, random = _Runs(evaluate, len(problem.unknowns)), np.random.default_rng(seed)
+    found: list[OptimizeResult] = []
+    for _ in range(ATTEMPTS):
+        starts = _starts(problem, runs, random, members, generations)
+        with ThreadPoolExecutor(len(starts)) as threads:
+            found += threads.map(lambda start: runs.descend(start, COARSE), starts)
+        best = min(found, key=lambda result: cost(result.fun))
+        if np.sqrt(np.mean(best.fun**2)) < POOR:
+            break
+    for steps in FINE:
+        finer = runs.descend(best.x, steps)
         best = finer if cost(finer.fun) <= cost(best.fun) else best
-    # over some of the steps the motion has a kink
-    jacobian = np.median([runs.jacobian(best.x, step) for step in LAST_STEPS], axis=0)
+    jacobian = runs.jacobian(best.x, FINE[-1])
     return Solution(best.x, jacobian, best.fun, runs.count, runs.failures)
 
 
 def _starts(
-    problem: Problem, runs: _Runs, seed: int, members: int, generations: int
+    problem: Problem,
+    runs: _Runs,
+    random: np.random.Generator,
+    members: int,
+    generations: int,
 ) -> list[np.ndarray]:
     """Return the best places of an evolution, apart from each other."""
     count = len(problem.unknowns)
-    random = np.random.default_rng(seed)
     places = qmc.LatinHypercube(count, rng=random).random(members * count)
     own = np.array([unknown.coordinate(unknown.start) for unknown in problem.unknowns])
     if own.min() >= 0.0 and own.max() <= 1.0:
@@ -174,7 +184,7 @@ class _Runs:
             ]
         )
 
-    def descend(self, start: np.ndarray, step: float) -> OptimizeResult:
+    def descend(self, start: np.ndarray, steps: Sequence[float]) -> OptimizeResult:
         """Return the least squares from a start, at which a run succeeds."""
 
         def residuals(place: np.ndarray) -> np.ndarray:
@@ -188,32 +198,34 @@ class _Runs:
         return least_squares(
             residuals,
             start,
-            jac=lambda place: self.jacobian(place, step),
+            jac=lambda place: self.jacobian(place, steps),
             bounds=(0.0, 1.0),
             loss='soft_l1',
             # far from the solution every point is an outlier, and has to count as none
             f_scale=max(ROBUST, float(np.median(np.abs(first)))),
             # what is not resolved is not worth a run
-            xtol=step**2, ftol=step**2, max_nfev=EVALUATIONS,
+            xtol=min(steps) ** 2, ftol=min(steps) ** 2, max_nfev=EVALUATIONS,
         )  # fmt: skip
 
-    def jacobian(self, place: np.ndarray, step: float) -> np.ndarray:
-        """Return central differences (n, p), one-sided at bounds and beside failures."""
+    def jacobian(self, place: np.ndarray, steps: Sequence[float]) -> np.ndarray:
+        """Return the median (n, p) of differences over steps, central but beside failures."""
         ends = []
-        for k in range(self._parameters):
-            for side in (step, -step):
-                end = place.copy()
-                end[k] = np.clip(place[k] + side, 0.0, 1.0)
-                ends.append(end)
+        for step in steps:
+            for k in range(self._parameters):
+                for side in (step, -step):
+                    end = place.copy()
+                    end[k] = np.clip(place[k] + side, 0.0, 1.0)
+                    ends.append(end)
         here, *outcomes = (outcome.residuals for outcome in self.outcomes([place, *ends]))
         assert here is not None
         columns = []
-        for k in range(self._parameters):
+        for index in range(0, len(ends), 2):
+            k = index // 2 % self._parameters
             values, at = [], []
-            for index in (2 * k, 2 * k + 1):
-                residuals = outcomes[index]
+            for residuals, end in zip(outcomes[index : index + 2], ends[index:], strict=False):
                 values.append(here if residuals is None else residuals)
-                at.append(place[k] if residuals is None else ends[index][k])
+                at.append(place[k] if residuals is None else end[k])
             width = at[0] - at[1]
             columns.append((values[0] - values[1]) / width if width else np.zeros_like(here))
-        return np.stack(columns, axis=1)
+        shape = (len(steps), self._parameters, len(here))
+        return np.median(np.reshape(columns, shape), axis=0).T
