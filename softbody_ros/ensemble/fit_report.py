@@ -20,7 +20,7 @@ from softbody_ros.scene.scene_file import EVERY_NODE, PARAMETERS
 
 SECTION = '/softbody_fit'
 """Name of the section with the deviations: that of a node that does not exist."""
-LOWEST = 0.01
+LOWEST = 0.1
 """Least residual that is drawn, in units of the noise."""
 OBSERVED, FITTED, BEFORE, LIMIT = '#222222', '#d9541e', '#9a9a9a', '#3c78b4'
 
