@@ -34,19 +34,19 @@ from softbody_ros.ensemble.fit_problem import Outcome, Problem
 COARSE = (1e-2,)
 """Step of the differences of the first descents, in coordinates."""
 FINE = ((1e-3,), (1e-3, 3e-4, 1e-4))
-"""Of the last ones: of several the median is taken, as over some of them a motion has a kink."""
+"""Of the last ones: of several that is taken over which the motion does not jump."""
 ROBUST = 2.0
 """Residual, in units of the noise, from which on the loss grows slower than its square."""
 POOR = 2.0
 """RMS of the residuals, in units of the noise, from which on a fit is poor."""
 MEMBERS = 16
 """Of the population, for each parameter."""
-GENERATIONS = 7
+GENERATIONS = 10
 ATTEMPTS = 3
 """Most evolutions: another one, if the best fit is poor."""
 STARTS, APART = 3, 0.1
 """Of descents, and how far they are from each other at least, in coordinates."""
-EVALUATIONS = 15
+EVALUATIONS = 40
 """Most in one descent."""
 
 Evaluate = Callable[[Sequence[np.ndarray]], list[Outcome]]
@@ -208,24 +208,25 @@ class _Runs:
         )  # fmt: skip
 
     def jacobian(self, place: np.ndarray, steps: Sequence[float]) -> np.ndarray:
-        """Return the median (n, p) of differences over steps, central but beside failures."""
-        ends = []
-        for step in steps:
-            for k in range(self._parameters):
-                for side in (step, -step):
-                    end = place.copy()
-                    end[k] = np.clip(place[k] + side, 0.0, 1.0)
-                    ends.append(end)
+        """Return differences (n, p), for each parameter over a step without a jump."""
+        ends, widths = [], []
+        for k in range(self._parameters):
+            for width in (side * step for step in steps for side in (1.0, -1.0)):
+                end = place.copy()
+                end[k] = np.clip(place[k] + width, 0.0, 1.0)
+                ends.append(end)
+                widths.append(end[k] - place[k])
         here, *outcomes = (outcome.residuals for outcome in self.outcomes([place, *ends]))
         assert here is not None
         columns = []
-        for index in range(0, len(ends), 2):
-            k = index // 2 % self._parameters
-            values, at = [], []
-            for residuals, end in zip(outcomes[index : index + 2], ends[index:], strict=False):
-                values.append(here if residuals is None else residuals)
-                at.append(place[k] if residuals is None else end[k])
-            width = at[0] - at[1]
-            columns.append((values[0] - values[1]) / width if width else np.zeros_like(here))
-        shape = (len(steps), self._parameters, len(here))
-        return np.median(np.reshape(columns, shape), axis=0).T
+        for k in range(self._parameters):
+            rows = range(2 * len(steps) * k, 2 * len(steps) * (k + 1))
+            differences = [
+                (residuals - here) / widths[row]
+                for row in rows
+                if (residuals := outcomes[row]) is not None and widths[row]
+            ]
+            # a jump adds to the norm, the more the smaller the step
+            least = min(differences, key=np.linalg.norm, default=np.zeros_like(here))
+            columns.append(least)
+        return np.stack(columns, axis=1)
