@@ -215,7 +215,8 @@ class _Runs:
                 end = place.copy()
                 end[k] = np.clip(place[k] + width, 0.0, 1.0)
                 ends.append(end)
-                widths.append(end[k] - place[k])
+                # at a bound there is a side only
+                widths.append(width if end[k] == place[k] + width else 0.0)
         here, *outcomes = (outcome.residuals for outcome in self.outcomes([place, *ends]))
         assert here is not None
         columns = []
