@@ -35,6 +35,8 @@ COARSE = (1e-2,)
 """Step of the differences of the first descents, in coordinates."""
 FINE = ((1e-3,), (1e-3, 3e-4, 1e-4))
 """Of the last ones: of several that is taken over which the motion does not jump."""
+UNCERTAINTY = (3e-3, 1e-3, 3e-4, 1e-4)
+"""Of those for the uncertainties: of several that which says least."""
 ROBUST = 2.0
 """Residual, in units of the noise, from which on the loss grows slower than its square."""
 POOR = 2.0
@@ -119,7 +121,11 @@ def search(
     for steps in FINE:
         finer = runs.descend(best.x, steps)
         best = finer if cost(finer.fun) <= cost(best.fun) else best
-    jacobian = runs.jacobian(best.x, FINE[-1])
+    # columns of one step, or they would seem to differ; a jump would add information
+    jacobian = min(
+        (runs.jacobian(best.x, (step,)) for step in UNCERTAINTY),
+        key=lambda each: np.linalg.slogdet(each.T @ each).logabsdet,
+    )
     return Solution(best.x, jacobian, best.fun, runs.count, runs.failures)
 
 
