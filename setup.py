@@ -9,7 +9,7 @@ BAKE = ['usd-core>=24.8', 'pygltflib>=1.16']
 DAE = ['pycollada>=0.7']
 ROBOT = ['yourdfpy>=0.0.56']
 SIMPLIFY = ['fast-simplification>=0.1.9', 'trimesh>=4.5']
-SWEEP = ['dask>=2024.8', 'distributed>=2024.8', 'matplotlib', 'zarr>=3']
+SWEEP = ['dask>=2024.8', 'distributed>=2024.8', 'matplotlib', 'rosbags>=0.10', 'zarr>=3']
 VIEWER = ['viser>=1.1,<1.2']
 
 setup(
@@ -87,6 +87,7 @@ setup(
             'sim_node = softbody_ros.__main__:main',
             'bake = softbody_ros.bake.__main__:main',
             'sweep = softbody_ros.ensemble.sweep:main',
+            'fit = softbody_ros.ensemble.fit:main',
             'viewer = softbody_ros.viewer.__main__:main',
         ]
     },

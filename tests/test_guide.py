@@ -81,7 +81,7 @@ def test_help_of_the_command_names_scenes_that_exist(graph):
 
 def test_help_is_said_at_once():
     """It loads neither ROS nor the simulator, which take a second."""
-    for module in ('', '.bake', '.ensemble.sweep', '.viewer'):
+    for module in ('', '.bake', '.ensemble.fit', '.ensemble.sweep', '.viewer'):
         run = subprocess.run(
             [sys.executable, '-X', 'importtime', '-m', f'softbody_ros{module}', '--help'],
             capture_output=True, text=True, check=True,

@@ -22,6 +22,10 @@ from softbody_ros.core.config import checked
 from softbody_ros.core.shape_matching.gains import damping_ratio
 from softbody_ros.core.shape_matching.material import natural_frequency
 from softbody_ros.core.shape_matching.polar_decomposition import rotation
+from softbody_ros.ensemble.fit_parameters import make_unknown
+from softbody_ros.ensemble.fit_problem import evaluate
+from softbody_ros.ensemble.fit_targets import Choice, make_problem
+from softbody_ros.ensemble.observation import read_observation
 from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.scene import parameters
 
@@ -164,6 +168,21 @@ def test_a_sweep_is_made_and_read_as_the_page_does(tmp_path):
     best, *heights = run_program('store', tmp_path).splitlines()
     assert best == 'stiffness 1.0, bounciness 1.0'
     assert [line.split(':')[0] for line in heights] == ['0.00 s', '1.50 s']
+
+
+def test_clouds_are_made_and_fitted_as_the_page_does(tmp_path):
+    film = str(tmp_path / 'film.npz')
+    scene = str(ROOT / 'config' / 'default.yaml')
+    bake = [sys.executable, '-m', 'softbody_ros.bake', scene, '-o', film, '--seconds', '0.2']
+    subprocess.run([*bake, '--fps', '10'], check=True, cwd=ROOT)
+    run_program('clouds', tmp_path)
+    observation = read_observation(tmp_path / 'clouds', ['ball'])
+    assert observation.times.tolist() == [0.0, 0.1, 0.2]
+    values = scene_values('default')
+    unknown = make_unknown(values, 'ball.stiffness', None)
+    problem = make_problem(values, [unknown], observation, Choice())
+    residuals = evaluate(problem, np.array([0.5])).residuals
+    assert np.sqrt(np.mean(residuals**2)) == pytest.approx(1.0, abs=0.1)
 
 
 def test_every_program_has_a_test_here():

@@ -259,7 +259,7 @@ def test_colcon_installs_the_commands_where_ros2_run_looks(graph, workspace, mon
         assert (share / 'config' / name).is_file()
 
     setup = workspace / 'install' / 'setup.bash'
-    for name in ('bake', 'viewer'):
+    for name in ('bake', 'fit', 'viewer'):
         ask = ['bash', '-c', f'source {setup} && exec {executable.with_name(name)} --help']
         said = subprocess.run(ask, capture_output=True, text=True, check=True).stdout
         assert f'usage: {name}' in said

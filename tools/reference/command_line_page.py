@@ -8,6 +8,7 @@ from unittest.mock import patch
 from reference.markdown import page
 
 from softbody_ros.bake.__main__ import parser as bake_parser
+from softbody_ros.ensemble.fit import parser as fit_parser
 from softbody_ros.ensemble.sweep import parser as sweep_parser
 from softbody_ros.ros import cli_help
 from softbody_ros.viewer.__main__ import parser as viewer_parser
@@ -26,6 +27,7 @@ def command_line_page() -> str:
             'viewer': viewer_parser().format_help(),
             'bake': bake_parser().format_help(),
             'sweep': sweep_parser().format_help(),
+            'fit': fit_parser().format_help(),
         }
     parts = [f'## {name}\n\n```text\n{text.rstrip()}\n```' for name, text in helps.items()]
     return page('Commands', BEGIN, *parts)
