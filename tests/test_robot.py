@@ -249,8 +249,8 @@ def test_shapes_are_made_once_and_shared_by_all_updates():
             {'robot.pose': [0.0] * 7},
             'robot.pose is .*: its last four numbers must be a quaternion',
         ),
-        ({'bodies': ['robot']}, "the name 'robot' is that of the parameters robot.links, .*"),
-        ({'obstacles': ['robot']}, "the name 'robot' is that of the parameters robot.links, .*"),
+        ({'bodies': ['robot']}, "the name 'robot' is that of parameters of the node: .*"),
+        ({'obstacles': ['robot']}, "the name 'robot' is that of parameters of the node: .*"),
     ],
 )
 def test_parameters_of_a_robot_that_mean_nothing_are_refused(values, sentence):

@@ -424,7 +424,8 @@ def test_the_viewer_draws_the_surface_that_each_body_carries():
     world.step(120)
     positions = np.concatenate([world.positions(name) for name in world.names])
     body = np.concatenate([np.full(len(world.positions(n)), numbers[n]) for n in world.names])
-    frame = decoding.Frame('world', positions, positions[:, 0], positions[:, 2], body)
+    fields = positions[:, 0], positions[:, 2], positions[:, 1]
+    frame = decoding.Frame('world', positions, *fields, body)
     picture = decoding.Picture(rest, body, visuals)
     drawn = picture.of(frame)
     assert picture.surface.fits(drawn)
