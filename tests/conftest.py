@@ -26,6 +26,11 @@ MARKS = {'graph': pytest.mark.dds, 'browser': pytest.mark.browser}
 """By the fixture that a test needs."""
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    # modules of few tests may take longest: in their order, no worker has all of these at the end
+    config.option.loadscopereorder = False
+
+
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:

@@ -83,6 +83,7 @@ def values_of(verdict):
 
 
 # --------------------------------------------------------------------------------- own parameters
+@pytest.mark.slow  # one of them is, from a film, where workers are compared
 def test_all_four_are_found_again_from_a_film_without_noise():
     verdict, _ = solved(problem_of(film_of(filmed(TRUTH)), TRUTH), members=12, generations=5)
     for name, value in TRUTH.items():
