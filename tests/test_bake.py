@@ -21,13 +21,13 @@ from scipy.spatial.transform import Rotation
 import trimesh
 
 from softbody_ros.bake import __main__ as command
-from softbody_ros.bake.whole_file import whole_file
 from softbody_ros.bake.writing import linear
 from softbody_ros.core import MeshError, MeshFrame, World, make_surface
 from softbody_ros.core.geometry.shading import shading
 from softbody_ros.ensemble.film import Film
 from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import read_scene
+from softbody_ros.whole_file import whole_file
 
 pytestmark = [pytest.mark.oldest, pytest.mark.usefixtures('compiled_ahead')]
 ROOT = pathlib.Path(__file__).parent.parent

@@ -26,7 +26,8 @@ from softbody_ros.ensemble.fit_parameters import make_unknown, separate
 from softbody_ros.ensemble.fit_problem import Outcome, evaluate
 from softbody_ros.ensemble.fit_search import search
 from softbody_ros.ensemble.fit_targets import Choice, make_problem
-from softbody_ros.ensemble.observation import ANY_BODY, Observation, read_observation
+from softbody_ros.ensemble.observation import ANY_BODY, Observation
+from softbody_ros.ensemble.observation_files import read_observation
 from softbody_ros.ensemble.running import record, run
 from softbody_ros.scene.parameters import make_scene
 from softbody_ros.scene.scene_file import read_scene

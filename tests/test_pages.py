@@ -25,7 +25,7 @@ from softbody_ros.core.shape_matching.polar_decomposition import rotation
 from softbody_ros.ensemble.fit_parameters import make_unknown
 from softbody_ros.ensemble.fit_problem import evaluate
 from softbody_ros.ensemble.fit_targets import Choice, make_problem
-from softbody_ros.ensemble.observation import read_observation
+from softbody_ros.ensemble.observation_files import read_observation
 from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.scene import parameters
 

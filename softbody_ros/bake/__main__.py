@@ -196,7 +196,7 @@ def _warn(sentence: str) -> None:
 def _write(film: Film, kinds: list[Any], outputs: list[Path], signals: list[int]) -> None:
     from tqdm import tqdm
 
-    from softbody_ros.bake.whole_file import whole_file
+    from softbody_ros.whole_file import whole_file
 
     def stop_if_asked() -> None:
         if signals:

@@ -208,7 +208,7 @@ def _require_packages() -> None:
 def _problem(options: argparse.Namespace) -> Problem:
     from softbody_ros.ensemble.fit_parameters import OFFSET, make_unknown, separate
     from softbody_ros.ensemble.fit_targets import Choice, make_problem
-    from softbody_ros.ensemble.observation import read_observation
+    from softbody_ros.ensemble.observation_files import read_observation
     from softbody_ros.scene import parameters
     from softbody_ros.scene.scene_file import read_scene
 
@@ -298,8 +298,8 @@ def _outcome(future: distributed.Future) -> Outcome:
 
 
 def _write(problem: Problem, verdict: Verdict, output: Path, observed: Path) -> None:
-    from softbody_ros.bake.whole_file import whole_file
     from softbody_ros.ensemble.fit_report import picture, scene_text
+    from softbody_ros.whole_file import whole_file
 
     text = scene_text(problem, verdict, str(observed))
     with whole_file(output) as scene, whole_file(output.with_suffix('.png')) as drawing:
