@@ -81,7 +81,8 @@ def test_the_hand_grips_by_what_its_fingers_feel(graph, program):
     line = re.compile(r'lifted to (\S+) m, with (\S+) N')
     graph.spin_until(lambda: line.search(printed.read_text()), 'the ball is lifted')
     height, force = map(float, line.search(printed.read_text()).groups())
-    assert height > 0.19 and 6.0 < force < 20.0
+    # how much more than the 8 N depends on how soon the program is told, and stops them
+    assert height > 0.19 and 6.0 < force < 40.0
     graph.spin_until(lambda: sim._world.is_asleep('ball'))
     assert not sim._world.obstacle_wrench('ground')[0].any()
     weight = 0.2 * sim._world.config.gravity_magnitude
