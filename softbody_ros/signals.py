@@ -19,3 +19,17 @@ def stop_at_signal() -> threading.Event:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, handle)
     return stop
+
+
+def noted_signals() -> list[int]:
+    """Return a list that gets the number of SIGINT or SIGTERM; a second one raises SystemExit."""
+    numbers: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        if numbers:
+            raise SystemExit(128 + number)
+        numbers.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, note)
+    return numbers

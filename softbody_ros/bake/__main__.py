@@ -15,6 +15,9 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
+from softbody_ros.offline_command import Refusal, path_argument
+from softbody_ros.signals import noted_signals
+
 if TYPE_CHECKING:
     from softbody_ros.bake.writing import Writer
     from softbody_ros.ensemble.film import Film
@@ -49,10 +52,6 @@ Of a binary USD file only the newest frames are in memory; of .npz all of them, 
 vertex and frame, of .glb about 100, of .usda 30. A file of the same name is replaced when the new
 one is whole; after Ctrl-C it is as it was.
 """
-
-
-class Refusal(Exception):  # noqa: N818
-    """A request that cannot be fulfilled; with the reason in one sentence."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -90,7 +89,7 @@ def parser() -> argparse.ArgumentParser:
         '--fps', type=float, default=60.0, help='frames a simulated second (default: 60)'
     )
     result.add_argument(
-        '-o', '--output', metavar='FILE', action='append', type=_path, default=[],
+        '-o', '--output', metavar='FILE', action='append', type=path_argument, default=[],
         help='may be given several times (default: the name of the scene, here, as .usdc if '
         'usd-core is installed, else as .npz)',
     )  # fmt: skip
@@ -99,11 +98,6 @@ def parser() -> argparse.ArgumentParser:
         help='another value of a parameter, as for sim_node; may be given several times',
     )  # fmt: skip
     return result
-
-
-def _path(text: str) -> Path:
-    # shells do not expand the ~ of --output=~/film.usdc
-    return Path(os.path.expanduser(text))
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -123,15 +117,7 @@ def _run(options: argparse.Namespace) -> int:
     for path in outputs:
         _warn_if_large(path, film)
     compile_ahead(_warn, _warn)
-    signals: list[int] = []
-
-    def note(number: int, _: object) -> None:
-        if signals:
-            raise SystemExit(128 + number)
-        signals.append(number)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, note)
+    signals = noted_signals()
     begin = time.perf_counter()
     _write(film, writers, outputs, signals)
     _report(film, outputs, time.perf_counter() - begin)

@@ -16,6 +16,9 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
+from softbody_ros.offline_command import Refusal, path_argument
+from softbody_ros.signals import noted_signals
+
 if TYPE_CHECKING:
     import distributed
     import numpy as np
@@ -58,10 +61,6 @@ go to a process for each core, or with --scheduler to a cluster of Dask; the res
 """
 
 
-class Refusal(Exception):  # noqa: N818
-    """A request that cannot be fulfilled; with the reason in one sentence."""
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Fit as the command line says; return 0, 1 with one sentence, or 128 + signal."""
     # nothing is written yet: a signal may end the process at once, without a traceback
@@ -95,13 +94,13 @@ def parser() -> argparse.ArgumentParser:
     )
     add = result.add_argument
     add('scene', metavar='SCENE.yaml', help='parameter file of sim_node')
-    add('observed', metavar='OBSERVED', type=_path, help='film, bag or folder')
+    add('observed', metavar='OBSERVED', type=path_argument, help='film, bag or folder')
     add(
         '-p', '--param', metavar='NAME', action='append', default=[],
         help='what is fitted, or set; may be given several times',
     )  # fmt: skip
     add(
-        '-o', '--output', metavar='FILE.yaml', type=_path,
+        '-o', '--output', metavar='FILE.yaml', type=path_argument,
         help='default: the name of the scene with _fit, here; the picture has the same name',
     )  # fmt: skip
     add('--topic', help='of the clouds of a bag, if it has several')
@@ -129,11 +128,6 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
-def _path(text: str) -> Path:
-    # shells do not expand the ~ of --output=~/ball.yaml
-    return Path(os.path.expanduser(text))
-
-
 def _positive(text: str) -> float:
     try:
         value = float(text)
@@ -157,15 +151,7 @@ def _run(options: argparse.Namespace) -> int:
     from softbody_ros.core.warm_up import compile_ahead
 
     compile_ahead(_warn, _warn)
-    signals: list[int] = []
-
-    def note(number: int, _: object) -> None:
-        if signals:
-            raise SystemExit(128 + number)
-        signals.append(number)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, note)
+    signals = noted_signals()
     begin = time.perf_counter()
     solution = _search(problem, options, signals)
     from softbody_ros.ensemble.fit_estimates import judge

@@ -15,6 +15,9 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from softbody_ros.offline_command import Refusal, path_argument
+from softbody_ros.signals import noted_signals
+
 if TYPE_CHECKING:
     from softbody_ros.ensemble.mesh_transfer import Meshes
     from softbody_ros.ensemble.spec import Spec
@@ -44,10 +47,6 @@ The folder gets runs.zarr, with a group for each run, and index.csv, a table of 
 outcomes. The same command again does only what is missing: after Ctrl-C, a full disk, a crash, or
 with a larger count. The runs have the same bits whatever makes them.
 """
-
-
-class Refusal(Exception):  # noqa: N818
-    """A request that cannot be fulfilled; with the reason in one sentence."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -83,7 +82,7 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('spec', metavar='SPEC.yaml', help='what is to be done')
     result.add_argument(
-        '-o', '--output', metavar='DIR', type=_path,
+        '-o', '--output', metavar='DIR', type=path_argument,
         help='folder of the runs (default: the name of the spec, here)',
     )  # fmt: skip
     result.add_argument(
@@ -107,11 +106,6 @@ def parser() -> argparse.ArgumentParser:
         'DIR/OUTCOME.png',
     )  # fmt: skip
     return result
-
-
-def _path(text: str) -> Path:
-    # shells do not expand the ~ of --output=~/runs
-    return Path(os.path.expanduser(text))
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -187,19 +181,12 @@ def _described(spec: Spec) -> tuple[dict, Meshes]:
 
 def _signals() -> Callable[[], None]:
     """Take note of signals; return what ends the program after one."""
-    signals: list[int] = []
-
-    def note(number: int, _: object) -> None:
-        if signals:
-            raise SystemExit(128 + number)
-        signals.append(number)
+    signals = noted_signals()
 
     def stop_if_asked() -> None:
         if signals:
             raise SystemExit(128 + signals[0])
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, note)
     return stop_if_asked
 
 
