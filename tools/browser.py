@@ -3,12 +3,12 @@
 """Chromium without a screen, a GPU, or calls to anybody."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import re
 import shutil
 import socket
 
-from playwright.sync_api import Browser, Locator, Page, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
 ARGUMENTS = [
@@ -40,6 +40,17 @@ def choose(page: Page, label: str, option: str) -> None:
     """Choose an option of a dropdown of the panel."""
     row(page, label).locator('input').first.click()
     page.get_by_role('option', name=option, exact=True).click()
+
+
+def open_folder(page: Page, title: str, inside: Locator) -> None:
+    """Open a folder of the panel that contains an element."""
+    for _ in range(10):
+        page.get_by_text(title, exact=True).click()
+        # a click is lost where the folder moves under it, as one above it opens or closes
+        with suppress(AssertionError):
+            expect(inside).to_be_visible(timeout=5_000)
+            return
+    raise AssertionError(f'{title} does not open')
 
 
 def close_notices(page: Page) -> None:

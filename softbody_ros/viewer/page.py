@@ -25,7 +25,7 @@ REFUSAL = (
 )
 CHOSEN, SYSTEM_IS_DARK = 'dark', 'system-is-dark'
 """Keys of what a browser keeps: what was chosen on the page, and what the system prefers."""
-PATIENCE = 10.0
+PATIENCE = 60.0
 """Seconds in which a page says what it keeps."""
 THEME: dict[str, Any] = {
     'show_logo': False,
