@@ -9,7 +9,12 @@ from functools import partial
 import time
 from typing import Any, Protocol
 
-from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent, ParameterValue
+from rcl_interfaces.msg import (
+    ParameterDescriptor,
+    ParameterEvent,
+    ParameterType,
+    ParameterValue,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -71,12 +76,15 @@ class Remote:
         values = (await self._client.get_parameters(names)).values
         if visit != self._visit or not len(names) == len(descriptors) == len(values):
             return
-        self._values = {
-            name: parameter_value_to_python(value)
-            for name, value in zip(names, values, strict=True)
-        }
-        self._types = {item.name: item.type for item in descriptors}
-        self._listener.described(descriptors, dict(self._values))
+        # what was removed between the requests has no value any more
+        there = [
+            (item, value)
+            for item, value in zip(descriptors, values, strict=True)
+            if value.type == item.type != ParameterType.PARAMETER_NOT_SET
+        ]
+        self._values = {item.name: parameter_value_to_python(value) for item, value in there}
+        self._types = {item.name: item.type for item, _ in there}
+        self._listener.described([item for item, _ in there], dict(self._values))
 
     async def read(self) -> dict[str, Any]:
         """Return all values as they are now, also of parameters that are not described yet."""
