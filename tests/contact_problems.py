@@ -117,7 +117,8 @@ class Case:
         self.modes = np.zeros((3, members, self.jacobian.shape[-1]))
         self.shifts = np.zeros((2, 3, len(self.mobility)))
         return (
-            self.rows, self.jacobian, self.counts, self.mobility, self.modes, self.shifts,
+            self.rows, self.jacobian.reshape(-1, self.jacobian.shape[3]), self.counts,
+            self.mobility, self.modes, self.shifts,
             np.zeros((factored, factored, most, most)), np.zeros((factored, factored), np.bool_),
         )  # fmt: skip
 

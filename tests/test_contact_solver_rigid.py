@@ -19,7 +19,7 @@ from softbody_ros.core.contact.solver import solve
 def solve_all(rows, jacobian, members, tolerance, result):
     problem = Problem(
         rows,
-        jacobian,
+        jacobian.reshape(-1, jacobian.shape[3]),
         np.full(members, RIGID),
         np.empty(0),
         np.zeros((3, members, jacobian.shape[3])),

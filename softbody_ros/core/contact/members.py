@@ -248,6 +248,7 @@ def put_particle(
 @helper
 def put_modes(
     jacobian: np.ndarray,
+    line: int,
     member: np.void,
     sign: float,
     arm: Vector,
@@ -262,8 +263,10 @@ def put_modes(
 
     Parameters
     ----------
-    jacobian : (3, width of M + 1) float
-        written
+    jacobian : (6 k, width of M + 1) float
+        written: three lines
+    line : int
+        the first of them
     member : MEMBER
     sign : float
         of the force
@@ -296,10 +299,10 @@ def put_modes(
             direction = applied_transposed(rotation, direction)
         local = applied_transposed(root, moment)
         for each in range(3):
-            jacobian[axis, each] = shifting * direction[each]
-            jacobian[axis, 3 + each] = rigid * local[each]
+            jacobian[line + axis, each] = shifting * direction[each]
+            jacobian[line + axis, 3 + each] = rigid * local[each]
         for mode in range(modes, last + 1):
-            jacobian[axis, mode] = 0.0
+            jacobian[line + axis, mode] = 0.0
         if count == 0:
             continue
         angle, followed = applied(root, local), scaled(size * response[1], direction)
@@ -311,10 +314,10 @@ def put_modes(
             own = minus(scaled(features[k], followed), cross(angle, vector_of(shape[k])))
             own = along(own, more, vector_of(volume[k]))
             first = RIGID_MODES + 3 * k
-            jacobian[axis, first] = own[0]
-            jacobian[axis, first + 1] = own[1]
-            jacobian[axis, first + 2] = own[2]
-        jacobian[axis, last] = size * response[3] * along_volume
+            jacobian[line + axis, first] = own[0]
+            jacobian[line + axis, first + 1] = own[1]
+            jacobian[line + axis, first + 2] = own[2]
+        jacobian[line + axis, last] = size * response[3] * along_volume
 
 
 @helper

@@ -37,6 +37,7 @@ from softbody_ros.core.contact.problem import (
     any_mobile,
     approach_targets,
     clear,
+    line_of,
     mode_response,
     own_mobility,
     particle_response,
@@ -118,7 +119,7 @@ def minimise(problem: Problem, least: float) -> int:
                 y[member, mode] += length * step[member, mode]
     for k in range(len(problem.rows)):
         row = problem.rows[k]
-        motion = mode_response(row, problem.jacobian[k], problem.counts, y)
+        motion = mode_response(row, problem.jacobian, k, problem.counts, y)
         put_vector(row['target'], explicit(row, motion))
     if solved:
         take_targets(problem, 1.0)
@@ -162,8 +163,8 @@ def majorise(problem: Problem, load: np.ndarray) -> bool:
         if is_mobile:
             largest = majorant(row, mobility, load)
             is_shared |= largest > (1.0 + EQUAL) * own_mobility(row, mobility)
-            is_shared |= is_stiffer(row, jacobian[k], counts)
-            shift = particle_response(row, jacobian[k], counts, y, problem.shifts[0])
+            is_shared |= is_stiffer(row, jacobian, k, counts)
+            shift = particle_response(row, jacobian, k, counts, y, problem.shifts[0])
         model[0] = max(compliance[0] + largest, LEAST_COMPLIANCE * diagonal[0])
         model[1] = max(compliance[1] + largest, LEAST_COMPLIANCE * diagonal[1])
         for axis in range(3):
@@ -187,8 +188,8 @@ def sum_loads(problem: Problem, load: np.ndarray) -> None:
         load[particle] = 0.0
     for k in range(len(rows)):
         row = rows[k]
-        motion = mode_response(row, jacobian[k], counts, y)
-        motion = plus(motion, particle_response(row, jacobian[k], counts, y, shifts))
+        motion = mode_response(row, jacobian, k, counts, y)
+        motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
         if row['base'][0] + row['force'][0] > 0.0 or slip_of(row, motion)[0] < 0.0:
             for corner in range(4):
                 if row['shares'][corner] != 0.0:
@@ -208,12 +209,12 @@ def majorant(row: np.void, mobility: np.ndarray, load: np.ndarray) -> float:
 
 
 @helper
-def is_stiffer(row: np.void, jacobian: np.ndarray, counts: np.ndarray) -> bool:
+def is_stiffer(row: np.void, jacobian: np.ndarray, k: int, counts: np.ndarray) -> bool:
     """Return whether K of a row is not 0."""
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
         is_soft = member >= 0 and counts[member] > RIGID
-        if is_soft and stiffer(jacobian[side], counts[member]) != ZERO:
+        if is_soft and stiffer(jacobian, line_of(k, side), counts[member]) != ZERO:
             return True
     return False
 
@@ -256,9 +257,9 @@ def evaluate(problem: Problem, y: np.ndarray, gradient: np.ndarray) -> float:
         for mode in range(counts[member]):
             gradient[member, mode] = y[member, mode]
     for k in range(len(rows)):
-        row, j = rows[k], jacobian[k]
-        motion = mode_response(row, j, counts, y)
-        add_modes(row, j, counts, scaled(-1.0, explicit(row, motion)), gradient)
+        row = rows[k]
+        motion = mode_response(row, jacobian, k, counts, y)
+        add_modes(row, jacobian, k, counts, scaled(-1.0, explicit(row, motion)), gradient)
         put_stiffness(row, motion)
     return squared(problem, gradient)
 
@@ -275,21 +276,25 @@ def assemble(problem: Problem) -> None:
         for i in range(counts[a]):
             hessian[a, a, i, i] = 1.0
     for k in range(len(rows)):
-        row, j = rows[k], jacobian[k]
+        row = rows[k]
         g = (row['stiffness'][0], row['stiffness'][1], row['stiffness'][2], row['stiffness'][3])
         if g != (0.0, 0.0, 0.0, 0.0):
-            one, two = row['one'], row['two']
-            add_block(hessian[one, one], counts[one], 0, j[0], j[0], g)
+            one, two, line, other = row['one'], row['two'], line_of(k, 0), line_of(k, 1)
+            add_block(hessian[one, one], counts[one], 0, jacobian, line, line, g)
             if two >= 0:
-                add_block(hessian[two, two], counts[two], 0, j[1], j[1], g)
+                add_block(hessian[two, two], counts[two], 0, jacobian, other, other, g)
                 if one > two:
                     if not filled[one, two]:
                         fill(one, two, counts, hessian, filled)
-                    add_block(hessian[one, two], counts[one], counts[two], j[0], j[1], g)
+                    add_block(
+                        hessian[one, two], counts[one], counts[two], jacobian, line, other, g
+                    )
                 else:
                     if not filled[two, one]:
                         fill(two, one, counts, hessian, filled)
-                    add_block(hessian[two, one], counts[two], counts[one], j[1], j[0], g)
+                    add_block(
+                        hessian[two, one], counts[two], counts[one], jacobian, other, line, g
+                    )
 
 
 @helper
@@ -297,16 +302,18 @@ def add_block(
     block: np.ndarray,
     rows: int,
     columns: int,
-    one: np.ndarray,
-    two: np.ndarray,
+    jacobian: np.ndarray,
+    one: int,
+    two: int,
     g: tuple[float, float, float, float],
 ) -> None:
-    """Add Jᵀ G J of two sides of a row, J (3, M)."""
+    """Add Jᵀ G J of two sides of a row, from their first lines of J."""
     for i in range(rows):
-        n, t, u = one[0, i], one[1, i], one[2, i]
+        n, t, u = jacobian[one, i], jacobian[one + 1, i], jacobian[one + 2, i]
         n, t, u = g[0] * n, g[1] * t + g[2] * u, g[2] * t + g[3] * u
         for j in range(columns if columns > 0 else i + 1):
-            block[i, j] += n * two[0, j] + t * two[1, j] + u * two[2, j]
+            added = n * jacobian[two, j] + t * jacobian[two + 1, j]
+            block[i, j] += added + u * jacobian[two + 2, j]
 
 
 @helper
@@ -349,8 +356,9 @@ def slope_at(problem: Problem, y: np.ndarray, step: np.ndarray, length: float) -
             slope += step[member, mode] * (y[member, mode] + length * step[member, mode])
     rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
     for k in range(len(rows)):
-        row, j = rows[k], jacobian[k]
-        motion, change = mode_response(row, j, counts, y), mode_response(row, j, counts, step)
+        row = rows[k]
+        motion = mode_response(row, jacobian, k, counts, y)
+        change = mode_response(row, jacobian, k, counts, step)
         slope -= dot(explicit(row, along(motion, length, change)), change)
     return slope
 
@@ -383,8 +391,8 @@ def descend(problem: Problem, vectors: np.ndarray) -> int:
     direction, image = vectors[3], vectors[4]
     for k in range(len(rows)):
         row = rows[k]
-        motion = mode_response(row, jacobian[k], counts, y)
-        slip = slip_of(row, plus(motion, particle_response(row, jacobian[k], counts, y, shifts)))
+        motion = mode_response(row, jacobian, k, counts, y)
+        slip = slip_of(row, plus(motion, particle_response(row, jacobian, k, counts, y, shifts)))
         put_face(row, slip)
         put_vector(direction[k], ZERO)
         put_vector(residual[k], scaled(-1.0, through(row['face'], slip)))
@@ -457,13 +465,13 @@ def put_image(problem: Problem, direction: np.ndarray, image: np.ndarray) -> flo
     clear(problem, y, shifts)
     for k in range(len(rows)):
         force = vector_of(direction[k])
-        add_modes(rows[k], jacobian[k], counts, force, y)
-        add_particles(rows[k], jacobian[k], counts, mobility, force, y, shifts)
+        add_modes(rows[k], jacobian, k, counts, force, y)
+        add_particles(rows[k], jacobian, k, counts, mobility, force, y, shifts)
     total = 0.0
     for k in range(len(rows)):
         row, d = rows[k], vector_of(direction[k])
-        motion = mode_response(row, jacobian[k], counts, y)
-        n, one, two = plus(motion, particle_response(row, jacobian[k], counts, y, shifts))
+        motion = mode_response(row, jacobian, k, counts, y)
+        n, one, two = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
         compliance, edge = row['compliance'], row['compliance'][1] + row['curvature']
         result = (n + compliance[0] * d[0], one + edge * d[1], two + edge * d[2])
         put_vector(image[k], through(row['face'], result))
@@ -483,12 +491,12 @@ def precondition(problem: Problem, residual: np.ndarray, result: np.ndarray) -> 
     clear(problem, y, problem.shifts[1])
     for k in range(len(rows)):
         force = through(rows[k]['stiffness'], vector_of(residual[k]))
-        add_modes(rows[k], jacobian[k], counts, force, y)
+        add_modes(rows[k], jacobian, k, counts, force, y)
     substitute(counts, problem.hessian, problem.filled, y)
     total = 0.0
     for k in range(len(rows)):
         row, r = rows[k], vector_of(residual[k])
-        left = minus(r, mode_response(row, jacobian[k], counts, y))
+        left = minus(r, mode_response(row, jacobian, k, counts, y))
         put_vector(result[k], through(row['stiffness'], left))
         total += dot(vector_of(result[k]), r)
     return total

@@ -37,11 +37,11 @@ from softbody_ros.core.geometry.vectors import (
 )
 from softbody_ros.core.lanes import (
     LANES,
+    LaneVector,
     lanes_at,
     no_vectors,
     put_lanes,
     totals,
-    vectors_at,
 )
 
 RIGID = 6
@@ -59,7 +59,8 @@ class Problem(NamedTuple):
     rows: np.ndarray
     """(k,) ROW; `force` is the start, and the result"""
     jacobian: np.ndarray
-    """(k, 2, 3, width of M + 1) float, J of both sides; of the second one negative"""
+    """(6 k, width of M + 1) float, J of both sides of each row, see `line_of`; of the second one
+    negative"""
     counts: np.ndarray
     """(m,) int, numbers of modes, multiples of 3"""
     mobility: np.ndarray
@@ -77,6 +78,17 @@ class Problem(NamedTuple):
 
 # -------------------------------------------------------------------------------------- operator
 @helper
+def line_of(k: int, side: int) -> int:
+    """
+    Return the first of the three lines of J of one side of a row: of the normal and two tangents.
+
+    J is one array of lines: a view of a part of it for each row would be counted (an atomic
+    operation of the processor) as often as it is made.
+    """
+    return 6 * k + 3 * side
+
+
+@helper
 def any_mobile(problem: Problem) -> bool:
     """
     Return whether particles have a mobility of their own.
@@ -88,16 +100,16 @@ def any_mobile(problem: Problem) -> bool:
 
 @helper
 def add_modes(
-    row: np.void, jacobian: np.ndarray, counts: np.ndarray, force: Vector, y: np.ndarray
+    row: np.void, jacobian: np.ndarray, k: int, counts: np.ndarray, force: Vector, y: np.ndarray
 ) -> None:
-    """Add Jᵀ f of one row."""
+    """Add Jᵀ f of row k."""
     n, one, two = force
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
         if member >= 0:
-            j = jacobian[side]
+            line = line_of(k, side)
             for mode in range(0, counts[member], LANES):
-                a, b, c = vectors_at(j, mode, LANES)
+                a, b, c = modes_at(jacobian, line, mode)
                 added = a * n + b * one + c * two
                 put_lanes(y, member, mode, LANES, lanes_at(y, member, mode, LANES) + added)
 
@@ -106,13 +118,14 @@ def add_modes(
 def add_particles(
     row: np.void,
     jacobian: np.ndarray,
+    k: int,
     counts: np.ndarray,
     mobility: np.ndarray,
     force: Vector,
     y: np.ndarray,
     shifts: np.ndarray,
 ) -> None:
-    """Add g Sᵀ f and Kᵀ f of one row."""
+    """Add g Sᵀ f and Kᵀ f of row k."""
     world = in_world(row, force)
     for corner in range(4):
         share = row['shares'][corner]
@@ -124,13 +137,24 @@ def add_particles(
         member = row['one'] if side == 0 else row['two']
         if member >= 0 and counts[member] > RIGID:
             last = width_of(counts[member])
-            y[member, last] += dot(stiffer(jacobian[side], counts[member]), force)
+            y[member, last] += dot(stiffer(jacobian, line_of(k, side), counts[member]), force)
 
 
 @helper
-def stiffer(jacobian: np.ndarray, modes: int) -> Vector:
-    """Return K of one side of a row."""
-    return column_of(jacobian, width_of(modes))
+def modes_at(jacobian: np.ndarray, line: int, mode: int) -> LaneVector:
+    """Return J of four modes, in the three lines from the given one."""
+    return (
+        lanes_at(jacobian, line, mode, LANES),
+        lanes_at(jacobian, line + 1, mode, LANES),
+        lanes_at(jacobian, line + 2, mode, LANES),
+    )
+
+
+@helper
+def stiffer(jacobian: np.ndarray, line: int, modes: int) -> Vector:
+    """Return K of one side of a row, in the three lines from the given one."""
+    last = width_of(modes)
+    return jacobian[line, last], jacobian[line + 1, last], jacobian[line + 2, last]
 
 
 @helper
@@ -140,24 +164,31 @@ def width_of(modes: int) -> int:
 
 
 @helper
-def mode_response(row: np.void, jacobian: np.ndarray, counts: np.ndarray, y: np.ndarray) -> Vector:
-    """Return J y of one row."""
+def mode_response(
+    row: np.void, jacobian: np.ndarray, k: int, counts: np.ndarray, y: np.ndarray
+) -> Vector:
+    """Return J y of row k."""
     motion = no_vectors()
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
         if member >= 0:
-            j = jacobian[side]
+            line = line_of(k, side)
             for mode in range(0, counts[member], LANES):
                 amplitudes = lanes_at(y, member, mode, LANES)
-                motion = along(motion, amplitudes, vectors_at(j, mode, LANES))
+                motion = along(motion, amplitudes, modes_at(jacobian, line, mode))
     return totals(motion)
 
 
 @helper
 def particle_response(
-    row: np.void, jacobian: np.ndarray, counts: np.ndarray, y: np.ndarray, shifts: np.ndarray
+    row: np.void,
+    jacobian: np.ndarray,
+    k: int,
+    counts: np.ndarray,
+    y: np.ndarray,
+    shifts: np.ndarray,
 ) -> Vector:
-    """Return S u − K y of one row."""
+    """Return S u − K y of row k."""
     apart, tangents = ZERO, row['tangents']
     for corner in range(4):
         share = row['shares'][corner]
@@ -171,8 +202,8 @@ def particle_response(
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
         if member >= 0 and counts[member] > RIGID:
-            k = stiffer(jacobian[side], counts[member])
-            motion = along(motion, -y[member, width_of(counts[member])], k)
+            size = y[member, width_of(counts[member])]
+            motion = along(motion, -size, stiffer(jacobian, line_of(k, side), counts[member]))
     return motion
 
 
@@ -198,13 +229,14 @@ def find_diagonals(problem: Problem) -> int:
             member = row['one'] if side == 0 else row['two']
             if member < 0:
                 continue
-            j, count, squares = problem.jacobian[k, side], problem.counts[member], no_vectors()
+            jacobian, line = problem.jacobian, line_of(k, side)
+            count, squares = problem.counts[member], no_vectors()
             most = max(most, count)
             for mode in range(0, count, LANES):
-                squares = plus(squares, squared_components(vectors_at(j, mode, LANES)))
+                squares = plus(squares, squared_components(modes_at(jacobian, line, mode)))
             size = plus(size, totals(squares))
             if count > RIGID:
-                size = minus(size, squared_components(stiffer(j, count)))
+                size = minus(size, squared_components(stiffer(jacobian, line, count)))
         own = own_mobility(row, problem.mobility) if is_mobile else 0.0
         row['diagonal'][0] = row['compliance'][0] + (size[0] + own)
         row['diagonal'][1] = row['compliance'][1] + (max(size[1], size[2]) + own)
@@ -250,9 +282,9 @@ def sum_forces(problem: Problem) -> None:
         force = vector_of(rows[k]['force'])
         if force == ZERO:
             continue
-        add_modes(rows[k], jacobian[k], counts, force, y)
+        add_modes(rows[k], jacobian, k, counts, force, y)
         if is_mobile:
-            add_particles(rows[k], jacobian[k], counts, mobility, force, y, shifts)
+            add_particles(rows[k], jacobian, k, counts, mobility, force, y, shifts)
 
 
 @helper
@@ -297,18 +329,18 @@ def approach_targets(problem: Problem) -> None:
     for k in range(len(rows)):
         row = rows[k]
         target, force = row['target'], row['force']
-        motion = mode_response(row, jacobian[k], counts, y)
+        motion = mode_response(row, jacobian, k, counts, y)
         if is_mobile:
-            motion = plus(motion, particle_response(row, jacobian[k], counts, y, shifts))
+            motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
         slip = slip_of(row, motion)
         step = (target[0] - force[0], target[1] - force[1], target[2] - force[2])
         for axis in range(3):
             slope += slip[axis] * step[axis]
             compliance = row['compliance'][0 if axis == 0 else 1]
             curvature += compliance * step[axis] * step[axis]
-        add_modes(row, jacobian[k], counts, step, y_step)
+        add_modes(row, jacobian, k, counts, step, y_step)
         if is_mobile:
-            add_particles(row, jacobian[k], counts, mobility, step, y_step, shifts_step)
+            add_particles(row, jacobian, k, counts, mobility, step, y_step, shifts_step)
     curvature += squared(problem, y_step) + squared_shifts(problem, y_step, shifts_step)
     share = 1.0
     if curvature > 0.0:

@@ -67,6 +67,7 @@ from softbody_ros.core.contact.members import (
 )
 from softbody_ros.core.contact.problem import (
     Problem,
+    line_of,
     mode_response,
     own_mobility,
     particle_response,
@@ -911,7 +912,7 @@ def new_problem(members: np.ndarray, rows: np.ndarray, particles: np.ndarray) ->
     factorised = count if total_modes <= LARGEST_ISLAND else 0
     return Problem(
         rows,
-        np.empty((len(rows), 2, 3, width_of(most) + 1)),
+        np.empty((6 * len(rows), width_of(most) + 1)),
         counts,
         mobility,
         np.zeros((3, count, width_of(most) + 1)),
@@ -926,7 +927,7 @@ def first_rows(problem: Problem, count: int) -> Problem:
     """Return the problem of the first rows."""
     return Problem(
         problem.rows[:count],
-        problem.jacobian[:count],
+        problem.jacobian[: 6 * count],
         problem.counts,
         problem.mobility,
         problem.modes,
@@ -941,6 +942,7 @@ def first_rows(problem: Problem, count: int) -> Problem:
 def put_jacobian(
     row: np.void,
     jacobian: np.ndarray,
+    k: int,
     members: np.ndarray,
     particles: np.ndarray,
     point: Vector,
@@ -948,13 +950,14 @@ def put_jacobian(
     features: np.ndarray,
 ) -> None:
     """
-    Write J of one contact: responses of the modes to unit forces along normal and tangents.
+    Write J of row k: responses of the modes to unit forces along normal and tangents.
 
     Parameters
     ----------
     row : ROW
-    jacobian : (2, 3, width of M + 1) float
-        written
+    jacobian : (6 k, width of M + 1) float
+        written: its lines
+    k : int
     members, particles : (m,) MEMBER, (p,) PARTICLE
     point : vector
         m
@@ -972,13 +975,14 @@ def put_jacobian(
         if member['is_soft']:
             put_features(row, side, particles, features)
         arm = minus(point, end_centre(member) if at_end else vector_of(member['centre']))
-        put_modes(jacobian[side], member, sign, arm, features, row, at_end)
+        put_modes(jacobian, line_of(k, side), member, sign, arm, features, row, at_end)
     if row['one'] == row['two']:
         # self-collision: both sides are the same modes
         for axis in range(3):
-            for mode in range(jacobian.shape[2]):
-                jacobian[0, axis, mode] += jacobian[1, axis, mode]
-                jacobian[1, axis, mode] = 0.0
+            line, other = line_of(k, 0) + axis, line_of(k, 1) + axis
+            for mode in range(jacobian.shape[1]):
+                jacobian[line, mode] += jacobian[other, mode]
+                jacobian[other, mode] = 0.0
 
 
 @helper
@@ -1002,7 +1006,7 @@ def begin_positions(
     rows, jacobian, features = problem.rows, problem.jacobian, np.empty(QUADRATIC_FEATURES)
     for k in range(len(rows)):
         row, point = rows[k], vector_of(rows[k]['point'])
-        put_jacobian(row, jacobian[k], members, particles, point, False, features)
+        put_jacobian(row, jacobian, k, members, particles, point, False, features)
         mobility = own_mobility(row, problem.mobility)
         if mobility == 0.0 and row['inverse_mass'] == 0.0:
             # between pinned particles
@@ -1103,9 +1107,9 @@ def linearise(
     for k in range(len(problem.rows)):
         row = problem.rows[k]
         gap = end_gap(row, members, particles)
-        motion = mode_response(row, jacobian[k], counts, y)
+        motion = mode_response(row, jacobian, k, counts, y)
         if len(problem.mobility) > 0:
-            motion = plus(motion, particle_response(row, jacobian[k], counts, y, shifts))
+            motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
         if row['force'][0] > 0.0 or gap < 0.0:
             error = max(error, abs(row['linear_gap'] + motion[0] - gap), -gap)
             if row['two'] < 0 and row['inverse_mass'] > 0.0:
@@ -1261,9 +1265,9 @@ def begin_velocities(
         row = rows[acting]
         if has_moved(row, members):
             end = vector_of(row['end_point'])
-            put_jacobian(row, jacobian[acting], members, particles, end, True, features)
+            put_jacobian(row, jacobian, acting, members, particles, end, True, features)
         elif acting != k:
-            copy_jacobian(row, jacobian[acting], jacobian[k], problem.counts)
+            copy_jacobian(row, jacobian, acting, k, problem.counts)
         velocity = side_velocity(row, 0, members[row['one']], particles)
         if row['two'] >= 0:
             other = side_velocity(row, 1, members[row['two']], particles)
@@ -1316,15 +1320,16 @@ def has_moved(row: np.void, members: np.ndarray) -> bool:
 
 @helper
 def copy_jacobian(
-    row: np.void, target: np.ndarray, source: np.ndarray, counts: np.ndarray
+    row: np.void, jacobian: np.ndarray, to: int, source: int, counts: np.ndarray
 ) -> None:
-    """Copy J of one contact."""
+    """Copy J of one row to that of another one."""
     for side in range(2):
         index, _ = side_of(row, side)
         if index >= 0:
             for axis in range(3):
+                line, other = line_of(to, side) + axis, line_of(source, side) + axis
                 for mode in range(width_of(counts[index]) + 1):
-                    target[side, axis, mode] = source[side, axis, mode]
+                    jacobian[line, mode] = jacobian[other, mode]
 
 
 @helper

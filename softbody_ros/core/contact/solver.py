@@ -30,6 +30,7 @@ from softbody_ros.core.contact.problem import (
     add_particles,
     any_mobile,
     find_diagonals,
+    line_of,
     mode_response,
     on_disc,
     own_mobility,
@@ -177,15 +178,15 @@ def sweep(problem: Problem) -> tuple[float, bool]:
     is_mobile, residual, is_other_patch = any_mobile(problem), 0.0, False
     for k in range(len(rows)):
         row = rows[k]
-        motion = mode_response(row, jacobian[k], counts, y)
+        motion = mode_response(row, jacobian, k, counts, y)
         if is_mobile:
-            motion = plus(motion, particle_response(row, jacobian[k], counts, y, shifts))
+            motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
         change = relaxed(row, slip_of(row, motion))
         residual = max(residual, squared_change(row, change))
         if change != ZERO:
-            add_modes(row, jacobian[k], counts, change, y)
+            add_modes(row, jacobian, k, counts, change, y)
             if is_mobile:
-                add_particles(row, jacobian[k], counts, mobility, change, y, shifts)
+                add_particles(row, jacobian, k, counts, mobility, change, y, shifts)
             acted = acts(row)
             for axis in range(3):
                 row['force'][axis] += change[axis]
@@ -215,9 +216,9 @@ def imbalance(problem: Problem) -> float:
     is_mobile, residual = any_mobile(problem), 0.0
     for k in range(len(rows)):
         row = rows[k]
-        motion = mode_response(row, jacobian[k], counts, y)
+        motion = mode_response(row, jacobian, k, counts, y)
         if is_mobile:
-            motion = plus(motion, particle_response(row, jacobian[k], counts, y, shifts))
+            motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
         residual = max(residual, squared_change(row, relaxed(row, slip_of(row, motion))))
     return math.sqrt(residual)
 
@@ -360,15 +361,15 @@ def add_tangents(problem: Problem, k: int, share: float) -> None:
     for side in range(2):
         member = problem.rows[k]['one'] if side == 0 else problem.rows[k]['two']
         if member >= 0:
-            j, count = problem.jacobian[k, side], problem.counts[member]
-            first, second = problem.modes[1, member], problem.modes[2, member]
+            jacobian, line, count = problem.jacobian, line_of(k, side), problem.counts[member]
+            modes = problem.modes
             for mode in range(count):
-                first[mode] += share * j[1, mode]
-                second[mode] += share * j[2, mode]
+                modes[1, member, mode] += share * jacobian[line + 1, mode]
+                modes[2, member, mode] += share * jacobian[line + 2, mode]
             if count > RIGID:
                 last = width_of(count)
-                first[last] += share * j[1, last]
-                second[last] += share * j[2, last]
+                modes[1, member, last] += share * jacobian[line + 1, last]
+                modes[2, member, last] += share * jacobian[line + 2, last]
 
 
 @helper
