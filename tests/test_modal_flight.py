@@ -41,7 +41,7 @@ from scipy.spatial.transform import Rotation
 from softbody_ros.core import Surface, make_surface
 from softbody_ros.core.body import BODY
 from softbody_ros.core.compiled import is_compiled, kernel
-from softbody_ros.core.geometry.vectors import put_matrix, vector_of
+from softbody_ros.core.geometry.vectors import matrix_of, put_matrix, vector_of
 from softbody_ros.core.lanes import LANES
 from softbody_ros.core.shape_matching import flight_map, free_rotation, modal_flight
 from softbody_ros.core.shape_matching.gains import (
@@ -430,6 +430,30 @@ def test_a_stiff_box_tumbles_about_its_middle_axis_with_the_period_of_euler(mode
     assert np.diff(found)[: len(wanted) - 1] == pytest.approx(
         np.diff(wanted)[: len(found) - 1], rel=0.02
     )
+
+
+@kernel
+def split(inverse, spin, h, result):
+    put_matrix(result, free_rotation.split_rotation(matrix_of(inverse), vector_of(spin), h[0]))
+
+
+@pytest.mark.parametrize('omega', [(0.3, 50.0, 0.1), (10.0, 30.0, -20.0), (200.0, 1.0, 2.0)])
+@pytest.mark.parametrize(
+    'principal', [(0.05, 0.03, 0.02), (1e-4, 0.05, 0.0501), (0.02, 0.05, 0.02)]
+)
+def test_rotations_about_axes_in_turn_are_that_of_a_free_body(principal, omega):
+    inertia, omega = np.diag(principal), np.array(omega)
+    inverse, momentum, h = np.linalg.inv(inertia), inertia @ omega, 1 / 60
+
+    def rate(_, flat):
+        turn = flat.reshape(3, 3)
+        x, y, z = turn @ inverse @ turn.T @ momentum
+        return (np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ turn).ravel()
+
+    exact = solve_ivp(rate, (0.0, h), np.eye(3).ravel(), rtol=1e-11, atol=1e-12).y[:, -1]
+    found = np.empty((3, 3))
+    split(inverse, momentum, np.array([h]), found)
+    assert found == pytest.approx(exact.reshape(3, 3), abs=2e-4)
 
 
 # ---------------------------------------------------------------------------- any tick, as written

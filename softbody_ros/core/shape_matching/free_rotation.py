@@ -1,6 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Rotation of the free rigid body in a tick, by the implicit midpoint rule."""
+"""
+Rotation of the free rigid body in a tick, by the implicit midpoint rule.
+
+Of what spins fast, or is thin, as a rod, its equations are not solved by a few iterations: then
+exact rotations about the principal axes take turns.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +15,7 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
+    IDENTITY,
     ZERO,
     Matrix,
     Vector,
@@ -19,16 +25,21 @@ from softbody_ros.core.geometry.vectors import (
     cross,
     dot,
     minus,
+    norm,
     plus,
     product,
     scaled,
     transposed,
     vector_of,
 )
+from softbody_ros.core.shape_matching.polar_decomposition import orthogonal_columns
 
-TURN_STEPS, TURN_CONVERGED = 12, 1e-13
+TURN_STEPS, TURN_CONVERGED = 40, 1e-13
 """Most fixed-point iterations of the midpoint rule for rotation, and the relative change of the
 angular velocity that ends them: unsolved, the rule loses energy of rotation."""
+LARGEST_PART, MOST_PARTS = 0.05, 256
+"""Angle, rad, of the parts into which a tick is split where the rule is not solved; their number
+at most."""
 LARGEST_TURN = 1e4
 """Angle of rotation in one tick beyond which it has no meaning, rad."""
 SERIES = tuple((1 / (2 * k * (2 * k + 1)), 1 / (2 * k * (2 * k - 1))) for k in range(8, 0, -1))
@@ -88,7 +99,7 @@ def rotate(
     h: float,
 ) -> tuple[Matrix, Vector, Vector]:
     """
-    Return the rotation of the free rigid body in the tick by the midpoint rule.
+    Return the rotation of the free rigid body in the tick.
 
     Parameters
     ----------
@@ -111,20 +122,88 @@ def rotate(
         by gravity and the wrench, m/s² and, about what it turns about, m²/s²
 
     """
-    rate, acceleration, torque = applied(inverse, spin), gravity, ZERO
+    rate = applied(inverse, spin)
     for _ in range(TURN_STEPS):
         turn = rotation_by(scaled(0.5 * h, rate))
-        if body['has_wrench']:
-            force, torque = wrench_in(body, product(turn, posture))
-            acceleration = plus(gravity, force)
-        moment = plus(torque, cross(applied(turn, arm), acceleration))
+        acceleration, moment = loads(body, posture, turn, arm, gravity)
         before = rate
         rate = applied_transposed(turn, along(spin, 0.5 * h, moment))
         rate = applied(turn, applied(inverse, rate))
         change = minus(rate, before)
         if dot(change, change) <= TURN_CONVERGED * TURN_CONVERGED * dot(rate, rate):
-            break
-    return rotation_by(scaled(h, rate)), acceleration, moment
+            return rotation_by(scaled(h, rate)), acceleration, moment
+    turn = split_rotation(inverse, spin, 0.5 * h)
+    acceleration, moment = loads(body, posture, turn, arm, gravity)
+    return split_rotation(inverse, along(spin, 0.5 * h, moment), h), acceleration, moment
+
+
+@helper
+def loads(
+    body: np.void, posture: Matrix, turn: Matrix, arm: Vector, gravity: Vector
+) -> tuple[Vector, Vector]:
+    """Return acceleration, m/s², and torque, m²/s², of a body that has turned, see `rotate`."""
+    acceleration, torque = gravity, ZERO
+    if body['has_wrench']:
+        force, torque = wrench_in(body, product(turn, posture))
+        acceleration = plus(gravity, force)
+    return acceleration, plus(torque, cross(applied(turn, arm), acceleration))
+
+
+@helper
+def split_rotation(inverse: Matrix, spin: Vector, h: float) -> Matrix:
+    """
+    Return the rotation of a free rigid body in a time h, s, of any angle.
+
+    The energy is that of a symmetric top, the motion of which is known, and small parts of single
+    axes, which are rotations about these; their motions take turns (Strang). So angular momentum
+    is exact, and the energy, with an error of second order, does not drift: of a rod it is exact.
+    Dullweber, Leimkuhler, McLachlan: Symplectic splitting methods for rigid body molecular
+    dynamics, J. Chem. Phys. 107, 1997.
+
+    Parameters
+    ----------
+    inverse : matrix
+        inverse inertia, 1/m²
+    spin : vector
+        angular momentum, per mass, m²/s
+    h : float
+
+    """
+    columns, axes = orthogonal_columns(inverse)
+    rates = (norm(columns[0]), norm(columns[1]), norm(columns[2]))
+    lone = 0
+    for k in range(1, 3):
+        others = abs(rates[(k + 1) % 3] - rates[(k + 2) % 3])
+        if others < abs(rates[(lone + 1) % 3] - rates[(lone + 2) % 3]):
+            lone = k
+    one, two = (lone + 1) % 3, (lone + 2) % 3
+    mean, uneven = 0.5 * (rates[one] + rates[two]), 0.5 * (rates[one] - rates[two])
+    more = rates[lone] - mean
+    # the spin about that axis, and what may come to it
+    size = norm(spin)
+    most = abs(dot(spin, axes[lone])) + h * abs(uneven) * size * size
+    angle = h * (abs(more) * most + abs(uneven) * size)
+    parts = 1
+    while parts < MOST_PARTS and angle > LARGEST_PART * parts:
+        parts *= 2
+    part = h / parts
+    about_spin = rotation_by(scaled(0.5 * part * mean, spin))
+    turn = IDENTITY
+    for _ in range(parts):
+        turn = product(about_spin, turned_about(axes[lone], spin, 0.5 * part * more, turn))
+        turn = turned_about(axes[one], spin, 0.5 * part * uneven, turn)
+        turn = turned_about(axes[two], spin, -part * uneven, turn)
+        turn = turned_about(axes[one], spin, 0.5 * part * uneven, turn)
+        turn = product(about_spin, turned_about(axes[lone], spin, 0.5 * part * more, turn))
+    return turn
+
+
+@helper
+def turned_about(axis: Vector, spin: Vector, factor: float, turn: Matrix) -> Matrix:
+    """Return a rotation, and one about an axis of the body by a multiple of the spin along it."""
+    direction = applied(turn, axis)
+    angle = factor * dot(spin, direction)
+    return product(rotation_by(scaled(angle, direction)), turn)
 
 
 @helper
