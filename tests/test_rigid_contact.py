@@ -2,15 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact of rigid bodies: stacks, slopes, grips, squeezes and impacts with known outcomes."""
 
+import dataclasses
 import math
 
+from core_helpers import angular_momentum, centre, floating, momentum
 from core_helpers import body as body_config
-from core_helpers import centre, floating, momentum
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+import trimesh
 
-from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
+from softbody_ros.core import BodyConfig, ObstacleConfig, Surface, World, WorldConfig
 
 G = 9.81
 STEPS = (1 / 60, 1 / 240, 1 / 1000)
@@ -282,6 +284,79 @@ def test_an_oblique_collision_keeps_momenta_and_never_gains_energy(elasticity, f
         assert after[1] == pytest.approx(before[1], abs=1e-12)
         assert after[2] <= before[2] * (1.0 + 1e-9)
     assert collided
+
+
+def energy(world, name='body'):
+    """Return the kinetic and potential energy of a body of 1 kg, J."""
+    weights, v = world.rest_shape(name).weights, world.velocities(name)
+    return 0.5 * weights @ (v**2).sum(axis=1) + G * centre(world, name)[2]
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('friction', [0.0, 0.5])
+@pytest.mark.parametrize('mesh', ['box', 'icosphere', 'cylinder'])
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240])
+def test_what_bounces_and_tumbles_without_loss_gains_no_energy(h, mesh, friction, seed):
+    random = np.random.default_rng(seed)
+    tumbling = body_config(
+        mesh, mode='rigid', size=0.1, position=(0.0, 0.0, 0.6), elasticity=1.0, friction=friction,
+        friction_model='coulomb', orientation=tuple(Rotation.random(random_state=seed).as_quat()),
+        initial_velocity_angular=tuple(3.0 * random.normal(size=3)),
+        initial_velocity_linear=(1.0, 0.0, 0.0),
+    )  # fmt: skip
+    world = on_ground(tumbling, h=h)
+    start = energy(world)
+    energies = []
+    for _ in range(round(3.0 / h)):
+        world.step()
+        energies.append(energy(world))
+    assert max(energies) <= start * (1.0 + 1e-9)
+    assert world.contact_impulse('body').impulse[2] > 0.0
+
+
+def rod(length, width, height, seed, **values):
+    """Return a rigid rod with a random pose."""
+    box = trimesh.creation.box(extents=(length, width, height))
+    return body_config(
+        Surface(box.vertices, box.faces), mode='rigid', elasticity=0.3, friction=0.5,
+        friction_model='coulomb', orientation=tuple(Rotation.random(random_state=seed).as_quat()),
+        **values,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize(
+    ('width', 'height', 'h'),
+    [(0.01, 0.01, 1 / 60), (0.002, 0.001, 1 / 60), (0.002, 0.001, 1 / 240)],
+)
+def test_a_rod_that_falls_comes_to_rest(width, height, h, seed):
+    """A contact turns it about its axis by many radians in a tick."""
+    random = np.random.default_rng(seed)
+    turning = tuple(2.0 * random.normal(size=3))
+    world = on_ground(
+        rod(1.0, width, height, seed, position=(0.0, 0.0, 0.8), initial_velocity_angular=turning),
+        h=h,
+    )
+    start, most = energy(world), 0.0
+    for _ in range(round(6.0 / h)):
+        world.step()
+        most = max(most, energy(world))
+    assert most <= start * 1.001
+    assert energy(world) < 0.02 * start
+    assert world.positions('body')[:, 2].min() > -1e-4
+
+
+@pytest.mark.parametrize('spin', [3.0, 100.0, 3000.0])
+def test_a_rod_in_flight_keeps_its_energy_and_momentum(spin):
+    config = rod(1.0, 0.004, 0.002, 1, position=(0.0, 0.0, 0.0))
+    turn = Rotation.from_quat(config.orientation)
+    turning = tuple(turn.apply((spin, 5.0, 2.0)))
+    world = floating(dataclasses.replace(config, initial_velocity_angular=turning), h=1 / 60)
+    before, momentum_before = energy(world), angular_momentum(world, 'body')
+    for _ in range(60):
+        world.step()
+        assert energy(world) == pytest.approx(before, rel=1e-6)
+        assert angular_momentum(world, 'body') == pytest.approx(momentum_before, abs=1e-8)
 
 
 # ------------------------------------------------------------------------------------ same bits

@@ -3,10 +3,11 @@
 """
 What kinetic energy contacts give to rigid bodies, and its bounds.
 
-Contacts give none but by the motion of what is touched. Three things could: simultaneous rebounds
-with friction, wedges that push out what is inside them, and forces that are no solution, since
-none was found in time. Then the energy is bounded by a share of the rebounds, or of all impulses,
-in which it is quadratic.
+Contacts give none but by the motion of what is touched. Four things could: simultaneous rebounds
+with friction, wedges that push out what is inside them, forces that are no solution, since none
+was found in time, and those on what is so thin that they turn it by more than a small angle in a
+tick, as a rod about its axis. Then the energy is bounded by a share of the rebounds, or of all
+impulses, in which it is quadratic.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from softbody_ros.core.geometry.vectors import (
     matrix_of,
     minus,
     norm,
+    plus,
     put_vector,
     transposed,
     vector_of,
@@ -50,6 +52,17 @@ def kinetic_energy(members: np.ndarray) -> float:
 
 
 @helper
+def work_of_loads(members: np.ndarray) -> float:
+    """Return the work of gravity and applied forces along what contacts displace bodies by, J."""
+    total = 0.0
+    for number in range(len(members)):
+        member = members[number]
+        displaced = plus(vector_of(member['shift']), vector_of(member['residual_shift']))
+        total += member['mass'] * dot(vector_of(member['acceleration']), displaced)
+    return total
+
+
+@helper
 def energy_after(members: np.ndarray, rows: np.ndarray) -> float:
     """Return the kinetic energy with the impulses at the end of the tick, J."""
     after = np.empty(len(members), members.dtype)
@@ -62,14 +75,23 @@ def energy_after(members: np.ndarray, rows: np.ndarray) -> float:
 @helper
 def all_still(members: np.ndarray, rows: np.ndarray) -> bool:
     """Return whether nothing that moves by itself, and so can give energy, is touched."""
-    for member in members:
-        driven = vector_of(member['carried']) != ZERO or vector_of(member['velocity']) != ZERO
-        if member['has_pins'] and driven:
-            return False
+    if any_driven(members):
+        return False
     for k in range(len(rows)):
         if vector_of(rows[k]['other_velocity']) != ZERO:
             return False
     return True
+
+
+@helper
+def any_driven(members: np.ndarray) -> bool:
+    """Return whether pins move a body: its own energy does not bound what it can give."""
+    for number in range(len(members)):
+        member = members[number]
+        moves = vector_of(member['carried']) != ZERO or vector_of(member['velocity']) != ZERO
+        if member['has_pins'] and moves:
+            return True
+    return False
 
 
 @helper
@@ -131,35 +153,46 @@ def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float, h: floa
 
 
 @helper
-def keep_energy(members: np.ndarray, energy: float, most: float) -> float:
+def keep_energy(members: np.ndarray, rows: np.ndarray, energy: float, most: float) -> float:
     """
     Take the share of all impulses after which there is not more energy, and return it.
 
     Impulses that are no solution, since none was found in time, could gain some; and so could
     those that get something out of the narrow, as a wedge does.
     """
-    after = kinetic_energy(members)
+    after, is_free = kinetic_energy(members), True
+    for k in range(len(rows)):
+        is_free = is_free and rows[k]['two'] >= 0
     middle = np.empty(len(members), members.dtype)
     for number in range(len(members)):
         copy_record(middle, number, members, number)
-        take_share(middle[number], 0.5)
+        take_share(middle[number], 0.5, is_free)
     # energy + a s + b s²
     b = 2.0 * (after + energy - 2.0 * kinetic_energy(middle))
     a = after - energy - b
     root = math.sqrt(max(a * a + 4.0 * b * (most - energy), 0.0))
     share = min(max(0.5 * (root - a) / b, 0.0), 1.0) if b > 0.0 else 0.0
     for number in range(len(members)):
-        take_share(members[number], share)
+        take_share(members[number], share, is_free)
     return share
 
 
 @helper
-def take_share(member: np.void, share: float) -> None:
-    """Take back all but a share of the impulses on a body; its displacement stays."""
+def take_share(member: np.void, share: float, is_free: bool) -> None:
+    """
+    Take back all but a share of the impulses on a body; its displacement stays.
+
+    Without obstacles the moment of that displacement with the velocity that is left is taken
+    back, too, lest the angular momentum of all bodies changes. With them it changes anyway, and
+    what was before turns with the body: otherwise a rod would get energy by its displacement.
+    """
     before, angular_before = vector_of(member['momenta'][0]), vector_of(member['momenta'][1])
     after, angular = vector_of(member['velocity']), vector_of(member['angular_momentum'])
     put_vector(member['velocity'], along(before, share, minus(after, before)))
+    if not is_free:
+        angular_before = applied(matrix_of(member['rotation']), angular_before)
     angular = along(angular_before, share, minus(angular, angular_before))
-    # of the displacement with the velocity that is left, lest angular momentum changes
-    displaced = cross(vector_of(member['shift']), before)
-    put_vector(member['angular_momentum'], along(angular, share - 1.0, displaced))
+    if is_free:
+        displaced = cross(vector_of(member['shift']), before)
+        angular = along(angular, share - 1.0, displaced)
+    put_vector(member['angular_momentum'], angular)

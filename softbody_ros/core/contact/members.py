@@ -86,6 +86,7 @@ MEMBER = np.dtype(
         ('centre', np.float64, (3,)),  # m
         ('velocity', np.float64, (3,)),  # m/s
         ('angular_momentum', np.float64, (3,)),  # per mass, m²/s
+        ('acceleration', np.float64, (3,)),  # by gravity and applied forces, m/s²; 0 with pins
         ('angular_velocity', np.float64, (3,)),  # rad/s
         ('carried', np.float64, (3,)),  # angular velocity that pins prescribe, rad/s
         ('allowed', np.float64, (3, 3)),  # projector on axes about which they let it turn
@@ -159,6 +160,12 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
     put_vector(member['centre'], vector_of(body['centre']))
     put_vector(member['velocity'], vector_of(body['velocity']))
     put_vector(member['angular_momentum'], vector_of(body['angular_momentum']))
+    put_vector(member['acceleration'], ZERO)
+    if not member['has_pins']:
+        # as of a flight under a constant force
+        flown = minus(vector_of(body['centre']), vector_of(body['start_centre']))
+        per_step = along(vector_of(body['velocity']), -1.0 / h, flown)
+        put_vector(member['acceleration'], scaled(2.0 / h, per_step))
     put_vector(member['angular_velocity'], vector_of(body['angular_velocity']))
     put_vector(member['carried'], vector_of(body['carried']) if member['has_pins'] else ZERO)
     put_matrix(member['allowed'], matrix_of(body['allowed']) if member['has_pins'] else IDENTITY)

@@ -34,6 +34,7 @@ from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.contact.energy import (
     GAIN,
     all_still,
+    any_driven,
     any_impact,
     any_inside,
     energy_after,
@@ -42,6 +43,7 @@ from softbody_ros.core.contact.energy import (
     kinetic_energy,
     largest_energy,
     rebound,
+    work_of_loads,
 )
 from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.members import (
@@ -818,6 +820,8 @@ def resolve_island(
             rows[k]['bias'][0] = rows[k]['linear_gap']
         solve(problem, tolerance, mass)
         place_all(members, particles, problem)
+    # lifted to where it touched, a body has less than after its flight
+    kept = max(energy + work_of_loads(members), 0.0)
     keep_motion(members)
     change_velocities(members, rows, particles, h)
     start_velocities(members, particles, problem.modes[0], h)
@@ -828,12 +832,12 @@ def resolve_island(
         residual, sweeps, steps = solve(impulses, tolerance / h, mass)
         impact = any_impact(impulses.rows) and all_still(members, impulses.rows)
         most = energy_after(members, impulses.rows) if impact else 0.0
-        if most > (1.0 + GAIN) * energy:
+        if most > (1.0 + GAIN) * kept:
             # simultaneous rebounds with friction could gain energy: it is convex in their share
             rebound(impulses.rows, -1.0)
             solve(impulses, tolerance / h, mass)
             least = energy_after(members, impulses.rows)
-            share = min(max((energy - least) / (most - least), 0.0), 1.0)
+            share = min(max((kept - least) / (most - least), 0.0), 1.0)
             rebound(impulses.rows, share)
             residual, sweeps, steps = solve(impulses, tolerance / h, mass)
         work[0], work[1] = work[0] + sweeps, work[1] + steps
@@ -841,10 +845,12 @@ def resolve_island(
         add_impulses(members, impulses.rows)
         add_velocities(members, particles, problem.modes[0], problem.shifts[0])
     share = 1.0
-    if (work[2] > unsolved or any_inside(members, rows)) and not is_soft:
-        most = largest_energy(members, rows[:acting], energy, h)
+    if not is_soft and (
+        work[2] > unsolved or any_inside(members, rows) or not any_driven(members)
+    ):
+        most = largest_energy(members, rows[:acting], kept, h)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
-            share = keep_energy(members, energy, most)
+            share = keep_energy(members, rows, energy, most)
     put_rotation(members, particles)
     for k in range(acting):
         row = rows[k]
