@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 
 from softbody_ros.signals import stop_at_signal
+from softbody_ros.startup import without_garbage_collection
 
 
 def main() -> int:
@@ -32,7 +33,8 @@ def main() -> int:
         print('softbody_sim:', error, file=sys.stderr)
         return 1
 
-    from softbody_ros.ros.node import run
+    with without_garbage_collection():
+        from softbody_ros.ros.node import run
 
     return run(command, stop)
 

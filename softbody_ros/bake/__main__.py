@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from softbody_ros.offline_command import Refusal, path_argument
 from softbody_ros.signals import noted_signals
+from softbody_ros.startup import without_garbage_collection
 
 if TYPE_CHECKING:
     from softbody_ros.bake.writing import Writer
@@ -59,7 +60,8 @@ def main(arguments: list[str] | None = None) -> int:
     # nothing is written yet: a signal may end the process at once, without a traceback
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     options = parser().parse_args(arguments)
-    from softbody_ros.core import ConfigError, MeshError, SimulationError
+    with without_garbage_collection():
+        from softbody_ros.core import ConfigError, MeshError, SimulationError
 
     try:
         return _run(options)

@@ -45,6 +45,7 @@ from softbody_ros.ros.subscribers import InputTopics
 from softbody_ros.ros.viewer_process import viewer_of
 from softbody_ros.scene.parameters import Scene
 from softbody_ros.scene.robot import Robot
+from softbody_ros.startup import without_garbage_collection
 from softbody_ros.timeline.stepper import MEBIBYTE, Stepper
 
 SHORTEST_PERIOD = 0.004
@@ -547,7 +548,8 @@ def run(command: CommandLine, stop: threading.Event) -> int:
         if not compile_ahead(logger.info, logger.warning, stop.is_set):
             rclpy.try_shutdown()
             return 0
-        node = SimNode()
+        with without_garbage_collection():
+            node = SimNode()
     except (ConfigError, MeshError, ParameterException, RuntimeError) as error:
         rclpy.try_shutdown()
         print('softbody_sim:', ' '.join(str(error).split()), file=sys.stderr)

@@ -13,6 +13,7 @@ import sys
 import threading
 
 from softbody_ros.signals import stop_at_signal
+from softbody_ros.startup import without_garbage_collection
 
 EPILOG = """\
 examples:
@@ -47,7 +48,8 @@ def main() -> int:
     if options.until_eof:
         threading.Thread(target=_wait_for_eof, args=(stop,), daemon=True).start()
 
-    from softbody_ros.viewer.app import run
+    with without_garbage_collection():
+        from softbody_ros.viewer.app import run
 
     return run(options, arguments[split:], stop)
 
