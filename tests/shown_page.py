@@ -35,6 +35,7 @@ class Show:
         # the port is open before the first line is printed
         self.greeting = self.viewer.stderr.readline()
         self.page = browser.new_page(viewport={'width': 720, 'height': 400})
+        browser_of_tests.slow_down(self.page)
         self.page.goto(f'http://127.0.0.1:{self.port}')
 
     def picture(self):

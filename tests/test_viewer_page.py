@@ -89,6 +89,7 @@ def open_scene(show, text):
 def test_a_page_is_as_dark_as_its_system_until_somebody_chooses(show, browser):
     context = browser.new_context(color_scheme='dark', viewport={'width': 390, 'height': 844})
     page = context.new_page()
+    browser_of_tests.slow_down(page)
     dark, light = (
         page.locator(f'html[data-mantine-color-scheme={scheme}]') for scheme in ('dark', 'light')
     )

@@ -30,6 +30,14 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
+def slow_down(page: Page) -> None:
+    """Let a page draw ten times a second: without a GPU each picture takes a processor's time."""
+    page.add_init_script(
+        'window.requestAnimationFrame = call => setTimeout(() => call(performance.now()), 100);'
+        'window.cancelAnimationFrame = clearTimeout;'
+    )
+
+
 def row(page: Page, label: str) -> Locator:
     """Return the row of the viewer's panel with a label."""
     words = page.locator('label', has_text=re.compile(f'^{re.escape(label)}$'))
