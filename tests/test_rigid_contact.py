@@ -286,6 +286,29 @@ def test_an_oblique_collision_keeps_momenta_and_never_gains_energy(elasticity, f
     assert collided
 
 
+@pytest.mark.parametrize('mode', ['rigid', 'linear'])
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240])
+def test_a_box_on_a_turntable_is_carried_and_does_not_drift(h, mode):
+    rate = 2.0
+    table = ObstacleConfig(
+        name='table', type='cylinder', size=(1.0, 1.0, 0.1), position=(0.0, 0.0, -0.1),
+        velocity_angular=(0.0, 0.0, rate),
+    )  # fmt: skip
+    box = block(
+        size=0.1, mode=mode, position=(0.5, 0.0, 0.1), initial_velocity_linear=(0.0, 1.0, 0.0),
+        initial_velocity_angular=(0.0, 0.0, rate),
+    )  # fmt: skip
+    world = World(WorldConfig(time_step=h, bodies=(box,), obstacles=(table,)))
+
+    def place():
+        return Rotation.from_euler('z', -rate * world.time).apply(centre(world, 'block'))
+
+    world.step(round(1.0 / h))
+    start = place()
+    world.step(round(4.0 / h))
+    assert place() == pytest.approx(start, abs=5e-4)
+
+
 def energy(world, name='body'):
     """Return the kinetic and potential energy of a body of 1 kg, J."""
     weights, v = world.rest_shape(name).weights, world.velocities(name)

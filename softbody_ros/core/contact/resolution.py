@@ -85,6 +85,7 @@ from softbody_ros.core.contact.rows import (
     put_face_row,
     put_obstacle_row,
     put_other_side,
+    recall,
     share_of,
     side_of,
 )
@@ -285,9 +286,9 @@ def find_obstacle_rows(
                     weight = weights[shape['first'] + contacts[k]['particle']]
                     velocity = put_obstacle_row(
                         rows[found], contacts[k], number, body, reach, weight, obstacle, which,
-                        x, v, flown, h,
+                        memory, x, v, flown, h,
                     )  # fmt: skip
-                    complete_row(rows[found], members, memory, velocity, h)
+                    complete_row(rows[found], members, velocity, h)
                 found += 1
     return found
 
@@ -446,7 +447,8 @@ def find_face_rows(
             velocity = put_face_row(
                 rows[found], contact, bodies, members, sets, shapes, weights, x, v, flown, h
             )
-            complete_row(rows[found], members, memory, velocity, h)
+            recall(rows[found], memory)
+            complete_row(rows[found], members, velocity, h)
         found += 1
     return found
 

@@ -148,26 +148,21 @@ def without(memory: np.ndarray, names: Iterable[str]) -> np.ndarray:
 
 
 @helper
-def complete_row(
-    row: np.void, members: np.ndarray, memory: np.ndarray, velocity: Vector, h: float
-) -> None:
+def complete_row(row: np.void, members: np.ndarray, velocity: Vector, h: float) -> None:
     """
     Write what follows from the geometry of a contact.
 
     Parameters
     ----------
     row : ROW
-        with sides, point, normal, motions, and gap after the flight
+        with sides, point, normal, motions, gap after the flight, and what is remembered
     members : (m,) MEMBER
-    memory : (r,) MEMORY
-        of the tick before, in order of its keys
     velocity : vector
         of the first side relative to the second, before the tick, m/s
     h : float
         s
 
     """
-    recall(row, memory)
     one, normal = members[row['one']], vector_of(row['normal'])
     row['inverse_mass'] = 0.0 if one['is_soft'] else 1.0 / one['mass']
     if row['two'] >= 0 and not members[row['two']]['is_soft']:
@@ -230,6 +225,17 @@ def motion_with(obstacle: np.void, point: Vector) -> Vector:
 
 
 @helper
+def motion_from(obstacle: np.void, point: Vector) -> Vector:
+    """Return the displacement in the tick of the point of an obstacle that was at `point`, m."""
+    if not obstacle['moved']:
+        return ZERO
+    offset = minus(point, vector_of(obstacle['position_before']))
+    local = applied_transposed(matrix_of(obstacle['rotation_before']), offset)
+    after = applied(matrix_of(obstacle['rotation']), local)
+    return minus(plus(vector_of(obstacle['position']), after), point)
+
+
+@helper
 def put_obstacle_row(
     row: np.void,
     contact: np.void,
@@ -239,6 +245,7 @@ def put_obstacle_row(
     weight: float,
     obstacle: np.void,
     which: int,
+    memory: np.ndarray,
     x: np.ndarray,
     v: np.ndarray,
     flown: np.ndarray,
@@ -257,6 +264,7 @@ def put_obstacle_row(
     row['one'], row['two'], row['obstacle'] = number, -1, which
     row['column'] = column
     row['key'] = key_of(0, obstacle['id'], body['id'], contact['particle'])
+    recall(row, memory)
     put_vector(row['point'], point)
     put_vector(row['normal'], vector_of(contact['normal']))
     row['thickness'] = body['thickness']
@@ -266,8 +274,15 @@ def put_obstacle_row(
     row['gap'] += dot(vector_of(row['normal']), vector_of(row['offsets'][0]))
     belt = applied(matrix_of(obstacle['rotation']), vector_of(obstacle['surface_velocity']))
     belt = along_surface(belt, vector_of(row['normal']))
-    put_vector(row['other_motion'], along(motion_with(obstacle, point), h, belt))
-    surface = plus(velocity_at(obstacle, point), belt)
+    touched, moved = point, motion_with(obstacle, point)
+    if not row['is_new']:
+        # where it lies, not where it would get without friction: on a table that turns it would
+        # go outwards
+        start = column_of(x[body['now']], column)
+        moved = motion_from(obstacle, start)
+        touched = plus(start, moved)
+    put_vector(row['other_motion'], along(moved, h, belt))
+    surface = plus(velocity_at(obstacle, touched), belt)
     put_vector(row['other_velocity'], surface)
     put_laws(row, body, obstacle['friction'], obstacle['elasticity'])
     row['of_face'] = False
