@@ -18,7 +18,6 @@ from functools import cache
 import math
 import numbers
 import re
-import sys
 from typing import Any
 
 import numpy as np
@@ -164,11 +163,16 @@ def checked(name: str, value: Any, facts: Setting) -> Any:
     return _number(name, value, value, facts, type(default))
 
 
+def _bounds(facts: Setting) -> tuple[float, float]:
+    """Return the ends of the range of a setting; infinite ones where it has none."""
+    low = -math.inf if facts.minimum is None else facts.minimum
+    return low, math.inf if facts.maximum is None else facts.maximum
+
+
 def _are_allowed_floats(value: Iterable[Any], facts: Setting) -> bool:
-    low = -sys.float_info.max if facts.minimum is None else facts.minimum
-    high = sys.float_info.max if facts.maximum is None else facts.maximum
+    low, high = _bounds(facts)
     for item in value:
-        if not (isinstance(item, float) and low <= item <= high):
+        if not (isinstance(item, float) and low <= item <= high and math.isfinite(item)):
             return False
     return True
 
@@ -183,8 +187,7 @@ def _number(name: str, value: Any, item: Any, facts: Setting, kind: type) -> Any
         number = kind(item)
     except OverflowError:
         number = math.inf
-    low = -math.inf if facts.minimum is None else facts.minimum
-    high = math.inf if facts.maximum is None else facts.maximum
+    low, high = _bounds(facts)
     if not low <= number <= high or (kind is float and not math.isfinite(number)):
         allowed = f'from {low:g} to {high:g}' if low > -math.inf or high < math.inf else 'finite'
         unit = f' {facts.unit}' if facts.unit else ''

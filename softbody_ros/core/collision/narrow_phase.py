@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from softbody_ros.core.compiled import helper, kernel
-from softbody_ros.core.geometry.bvh import Trees, closest_face, closest_on_triangle
+from softbody_ros.core.geometry.bvh import Trees, closest_face
 from softbody_ros.core.geometry.vectors import (
     NO_MATRIX,
     ZERO,
@@ -41,8 +41,6 @@ EDGE_ALLOWANCE = 0.015
 PASSING_DEPTH, PASSING_COSINE, PASSING_INSET = 0.01, 0.3, 0.9
 """Depth, in RMS radii, and cosine between the surface normals of both bodies above which a
 particle is passing through; then this offset selects the face towards its own body's centre."""
-MARGIN, TINY = 1e-6, 1e-300
-"""Of a bound of a squared distance, relative and m², so that what is as far is within reach."""
 
 CONTACT = np.dtype(
     [
@@ -111,7 +109,7 @@ def find_contacts(
     """
     found = 0
     points = first[len(first) - 1]
-    last_other, last_piece, last_row = -1, -1, -1
+    last_other, last_piece = -1, -1
     to_rest, match_place, origin = NO_MATRIX, ZERO, ZERO
     for candidate in candidates:
         owner, other, piece = candidate['body'], candidate['other'], candidate['piece']
@@ -120,7 +118,7 @@ def find_contacts(
         if not surface['closed']:
             continue
         if other != last_other or piece != last_piece:
-            last_other, last_piece, last_row = other, piece, -1
+            last_other, last_piece = other, piece
             match = body['first_match'] + (1 + piece if body['regions'] > 0 else 0)
             to_rest = inverse(matrix_of(match_posture[match]))
             match_place = vector_of(match_centre[match])
@@ -143,15 +141,9 @@ def find_contacts(
         for attempt in range(2):
             lookup = minus(along(point, inset, inwards), match_place)
             lookup = plus(applied(to_rest, lookup), origin)
-            reach = np.inf
-            if last_row >= 0:
-                # the face of the point before, which is often close by, bounds the distance
-                square, _, _ = closest_on_triangle(trees[2][last_row], lookup)
-                reach = (1.0 + MARGIN) * square + TINY
-            row, _, _, _ = closest_face(trees, surface['tree'], lookup, reach)
+            row, _, _, _ = closest_face(trees, surface['tree'], lookup, np.inf)
             if row < 0:  # not a number
                 break
-            last_row = row
             face = trees[2][row]['index']
             corners = faces[surface['first_face'] + face]
             if attempt == 0 and surface['pieces'] > 1:

@@ -221,16 +221,15 @@ def slip_of(row: np.void, motion: Vector) -> Vector:
 @helper
 def find_diagonals(problem: Problem) -> int:
     """Write the response of each row to its own force; return the most modes of a body there."""
+    rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
     is_mobile, most = any_mobile(problem), 0
-    for k in range(len(problem.rows)):
-        row = problem.rows[k]
-        size = ZERO
+    for k in range(len(rows)):
+        row, size = rows[k], ZERO
         for side in range(2):
             member = row['one'] if side == 0 else row['two']
             if member < 0:
                 continue
-            jacobian, line = problem.jacobian, line_of(k, side)
-            count, squares = problem.counts[member], no_vectors()
+            line, count, squares = line_of(k, side), counts[member], no_vectors()
             most = max(most, count)
             for mode in range(0, count, LANES):
                 squares = plus(squares, squared_components(modes_at(jacobian, line, mode)))

@@ -848,7 +848,7 @@ def resolve_island(
         add_velocities(members, particles, problem.modes[0], problem.shifts[0])
     share = 1.0
     if not is_soft and (
-        work[2] > unsolved or any_inside(members, rows) or not any_driven(members)
+        not any_driven(members) or work[2] > unsolved or any_inside(members, rows)
     ):
         most = largest_energy(members, rows[:acting], kept, h)
         if kinetic_energy(members) > (1.0 + GAIN) * most:

@@ -14,6 +14,7 @@ from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
     ZERO,
+    Matrix,
     Vector,
     along,
     applied,
@@ -214,14 +215,24 @@ def touch(
 
 
 @helper
+def carried(
+    point: Vector, position: Vector, rotation: Matrix, to_position: Vector, to_rotation: Matrix
+) -> Vector:
+    """Return where a point of something rigid gets with it from one pose to another, m."""
+    local = applied_transposed(rotation, minus(point, position))
+    return plus(to_position, applied(to_rotation, local))
+
+
+@helper
 def motion_with(obstacle: np.void, point: Vector) -> Vector:
     """Return the displacement in the tick of the point of an obstacle that is at `point`, m."""
     if not obstacle['moved']:
         return ZERO
-    offset = minus(point, vector_of(obstacle['position']))
-    local = applied_transposed(matrix_of(obstacle['rotation']), offset)
-    before = applied(matrix_of(obstacle['rotation_before']), local)
-    return minus(point, plus(vector_of(obstacle['position_before']), before))
+    before = carried(
+        point, vector_of(obstacle['position']), matrix_of(obstacle['rotation']),
+        vector_of(obstacle['position_before']), matrix_of(obstacle['rotation_before']),
+    )  # fmt: skip
+    return minus(point, before)
 
 
 @helper
@@ -229,10 +240,11 @@ def motion_from(obstacle: np.void, point: Vector) -> Vector:
     """Return the displacement in the tick of the point of an obstacle that was at `point`, m."""
     if not obstacle['moved']:
         return ZERO
-    offset = minus(point, vector_of(obstacle['position_before']))
-    local = applied_transposed(matrix_of(obstacle['rotation_before']), offset)
-    after = applied(matrix_of(obstacle['rotation']), local)
-    return minus(plus(vector_of(obstacle['position']), after), point)
+    after = carried(
+        point, vector_of(obstacle['position_before']), matrix_of(obstacle['rotation_before']),
+        vector_of(obstacle['position']), matrix_of(obstacle['rotation']),
+    )  # fmt: skip
+    return minus(after, point)
 
 
 @helper
@@ -274,8 +286,9 @@ def put_obstacle_row(
     row['gap'] += dot(vector_of(row['normal']), vector_of(row['offsets'][0]))
     belt = applied(matrix_of(obstacle['rotation']), vector_of(obstacle['surface_velocity']))
     belt = along_surface(belt, vector_of(row['normal']))
-    touched, moved = point, motion_with(obstacle, point)
-    if not row['is_new']:
+    if row['is_new']:
+        touched, moved = point, motion_with(obstacle, point)
+    else:
         # where it lies, not where it would get without friction: on a table that turns it would
         # go outwards
         start = column_of(x[body['now']], column)

@@ -358,11 +358,11 @@ def clear_side(problem: Problem, member: int) -> None:
 @helper
 def add_tangents(problem: Problem, k: int, share: float) -> None:
     """Add the amplitudes of modes, and those of K, by forces along both tangents of one row."""
+    row, jacobian, modes = problem.rows[k], problem.jacobian, problem.modes
     for side in range(2):
-        member = problem.rows[k]['one'] if side == 0 else problem.rows[k]['two']
+        member = row['one'] if side == 0 else row['two']
         if member >= 0:
-            jacobian, line, count = problem.jacobian, line_of(k, side), problem.counts[member]
-            modes = problem.modes
+            line, count = line_of(k, side), problem.counts[member]
             for mode in range(count):
                 modes[1, member, mode] += share * jacobian[line + 1, mode]
                 modes[2, member, mode] += share * jacobian[line + 2, mode]
