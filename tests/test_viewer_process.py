@@ -11,7 +11,6 @@ import urllib.request
 
 import browser as browser_of_tests
 from nav_msgs.msg import Odometry
-import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -114,16 +113,14 @@ def test_bad_arguments_end_it_before_anything_is_imported(graph):
     assert errors == f'softbody_sim: {expected}\n'
 
 
-@pytest.mark.skipif(browser_of_tests.path() is None, reason='Chromium is not installed')
-def test_the_tab_of_the_browser_has_the_name_of_the_node(graph):
+def test_the_tab_of_the_browser_has_the_name_of_the_node(graph, browser):
     viewer = graph.process(
         '--port', str(browser_of_tests.free_port()), '--node', '/left/softbody_sim',
         module='softbody_ros.viewer',
     )  # fmt: skip
     address, _ = address_in(viewer)
-    with browser_of_tests.chromium() as browser:
-        for _ in range(2):  # one that comes later, too
-            page = browser.new_page()
-            page.goto(address)
-            expected = '/left/softbody_sim – softbody_ros'
-            page.wait_for_function('expected => document.title === expected', arg=expected)
+    for _ in range(2):  # one that comes later, too
+        page = browser.new_page()
+        page.goto(address)
+        expected = '/left/softbody_sim – softbody_ros'
+        page.wait_for_function('expected => document.title === expected', arg=expected)
