@@ -10,7 +10,6 @@ the ROS parameters, their descriptors and the reference pages are all derived fr
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from copy import copy
 import dataclasses
 from dataclasses import dataclass
 import difflib
@@ -18,7 +17,7 @@ from functools import cache
 import math
 import numbers
 import re
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -107,6 +106,11 @@ def settings(config_class: type | object) -> Sequence[tuple[str, str, Setting]]:
 @cache
 def _settings(config_class: type) -> tuple[tuple[str, str, Setting], ...]:
     return tuple(_each_setting(config_class))
+
+
+@cache
+def _settings_by_field(config_class: type) -> dict[str, tuple[str, str, Setting]]:
+    return {each[0]: each for each in _settings(config_class)}
 
 
 def _each_setting(config_class: type) -> Iterator[tuple[str, str, Setting]]:
@@ -260,6 +264,13 @@ class Checked:
     def __post_init__(self) -> None:
         require_usable_name(getattr(self, 'name', 'unnamed'))
         self._check(settings(self))
+
+    def with_values(self, **values: Any) -> Self:
+        """Return a config with other values, of the right types and in range: unchecked."""
+        result = object.__new__(type(self))
+        result.__dict__.update(self.__dict__)
+        result.__dict__.update(values)
+        return result
 
     def _check(self, chosen: Sequence[tuple[str, str, Setting]]) -> None:
         """Check the values of some settings, and make them of the right type."""
@@ -640,14 +651,8 @@ class ObstacleConfig(Checked):
         That is for obstacles that are moved at each tick.
         """
         result = self.with_values(**motion)
-        result._check([each for each in settings(self) if each[0] in motion])
-        return result
-
-    def with_values(self, **values: Any) -> ObstacleConfig:
-        """Return a config with other values, of the right types and in range: unchecked."""
-        result = object.__new__(ObstacleConfig)
-        result.__dict__.update(self.__dict__)
-        result.__dict__.update(values)
+        known = _settings_by_field(ObstacleConfig)
+        result._check([known[field] for field in motion])
         return result
 
 
@@ -686,10 +691,9 @@ class WorldConfig(Checked):
 
     def with_obstacle(self, index: int, config: ObstacleConfig) -> WorldConfig:
         """Return a config with another config of one obstacle, of the same name."""
-        result, configs = copy(self), list(self.obstacles)
+        configs = list(self.obstacles)
         configs[index] = config
-        object.__setattr__(result, 'obstacles', tuple(configs))
-        return result
+        return self.with_values(obstacles=tuple(configs))
 
     @property
     def gravity(self) -> np.ndarray:

@@ -207,8 +207,19 @@ class Integrator:
         others = self._any_pairs or bool(environment.fixed_points)
         resolution.begin_members(
             bodies, chosen, state.shapes, state.x, self._flown, environment.records, h, others,
-            members,
+            len(memory) > 0, members,
         )  # fmt: skip
+        for at_once in (False, True, True):
+            found = self._find_within_margins(chosen, environment, h, members)
+            rows = self._rows[:found]
+            if not resolution.confirm_steady(bodies, members, rows, memory, at_once):
+                break
+        return members, found
+
+    def _find_within_margins(
+        self, chosen: np.ndarray, environment: Environment, h: float, members: np.ndarray
+    ) -> int:
+        state, bodies, memory = self._state, self._state.bodies, self._state.contact_memory
         while True:
             found = resolution.find_obstacle_rows(
                 bodies, state.shapes, state.weights, state.x, state.v, self._flown,
@@ -218,9 +229,9 @@ class Integrator:
             if found <= len(self._rows):
                 break
             self._rows = np.zeros(2 * found, ROW)
-        if others:
+        if self._any_pairs or environment.fixed_points:
             found = self._find_face_rows(chosen, environment, h, members, found)
-        return members, found
+        return found
 
     def resolve_rows(
         self, members: np.ndarray, found: int, environment: Environment, h: float
@@ -259,7 +270,7 @@ class Integrator:
                 numbers = np.arange(len(chosen) + len(fixed))
                 first = np.append(state.bodies['first'][chosen], state.x.shape[2])
                 contacts = find_body_contacts(
-                    state, chosen, environment.surfaces, candidates[0], numbers, first
+                    state, chosen, environment.surfaces, candidates, numbers, first
                 )
         finally:
             thickness[chosen] = own

@@ -361,6 +361,8 @@ class World:
 
     def _wake_near(self, changed: Iterable[Obstacle]) -> None:
         """Wake the bodies near obstacles, given at their old and new poses."""
+        if not self._state.still_samples.any():
+            return  # all are wide awake
         boxes = None
         reach = sleeping.NEAR * self._state.scales
         for obstacle in changed:

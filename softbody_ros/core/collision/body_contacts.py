@@ -13,6 +13,7 @@ from softbody_ros.core.collision.broad_phase import (
     CANDIDATE,
     SLACK,
     bound_pieces,
+    discard_distant,
     find_particles,
     find_points,
 )
@@ -29,9 +30,9 @@ def find_candidates(
     chosen: np.ndarray,
     surfaces: CollisionSurfaces,
     fixed: Sequence[Any],
-) -> tuple[np.ndarray, np.ndarray] | None:
+) -> np.ndarray | None:
     """
-    Return particles and points in boxes of bodies, (q,) CANDIDATE, and who is involved, (c,) bool.
+    Return particles and points that may be near faces of bodies, (q,) CANDIDATE; None if none.
 
     Parameters
     ----------
@@ -63,22 +64,24 @@ def find_candidates(
         bodies, chosen, arrays.surfaces, arrays.pieces, arrays.covered, state.x, margin, low, high,
         first, piece_low, piece_high,
     )  # fmt: skip
-    involved = np.zeros(count, dtype=bool)
     candidates = surfaces.buffer(CANDIDATE, CANDIDATES)
     while True:
         found = find_particles(
             bodies, chosen, arrays.surfaces, arrays.pieces, arrays.particles, arrays.may_collide,
-            state.x, codes, low, high, first, piece_low, piece_high, candidates, involved,
+            state.x, codes, low, high, first, piece_low, piece_high, candidates,
         )  # fmt: skip
+        first_point = found
         for number, each in enumerate(fixed, count):
             found = find_points(
                 each.points, each.radius, EDGE_ALLOWANCE if each.is_edge else 0.0, number, low,
-                high, first, piece_low, piece_high, found, candidates, involved,
+                high, first, piece_low, piece_high, found, candidates,
             )  # fmt: skip
         if found <= len(candidates):
             break
         candidates = surfaces.buffer(CANDIDATE, found)
-    return (candidates[:found], involved) if found else None
+    if first_point < found:
+        found = discard_distant(bodies, chosen, shapes, state.x, first_point, found, candidates)
+    return candidates[:found] if found else None
 
 
 def find_body_contacts(

@@ -80,7 +80,9 @@ MEMBER = np.dtype(
         ('starts', np.bool_),  # whether the start shape is in the place of the result
         ('mass', np.float64),  # kg
         ('scale', np.float64),  # RMS radius, m
+        ('steady', np.bool_),  # whether its contacts are those of the tick before, as they were
         ('margin', np.float64),  # distance from others within which they are contacts, m
+        ('widest', np.float64),  # the same if it is not steady, m
         ('nearby', np.float64),  # the same after the flight, m
         # after the flight
         ('centre', np.float64, (3,)),  # m
@@ -155,7 +157,7 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
     member['features'] = 0
     if member['is_soft'] and not body['follows_goals']:
         member['features'] = 3 if body['mode'] == 1 else QUADRATIC_FEATURES
-    member['starts'] = False
+    member['starts'] = member['steady'] = False
     member['scale'] = scale
     put_vector(member['centre'], vector_of(body['centre']))
     put_vector(member['velocity'], vector_of(body['velocity']))

@@ -79,6 +79,7 @@ from softbody_ros.core.contact.rows import (
     CONTACT_FREQUENCY,
     LINEARISED,
     complete_row,
+    concerns,
     copy_record,
     flown,
     in_world,
@@ -126,6 +127,9 @@ MARGIN, SOFT_MARGIN = 0.01, 0.001
 and of deformable ones, where more are kept the more others change (`LEVER`)."""
 LEVER = 2.0
 """Displacement of particles by contacts at others, relative to that at these, at most."""
+STEADY_MARGIN = (1.0 + LEVER) * SOFT_MARGIN
+"""Distance, in RMS radii, beyond that of their motion, within which bodies that are steady have
+contacts: as far as contacts of what is steady may displace others, and once more."""
 RELEASED = 1e-12
 """Force, relative to that of the positions, that is rounding: the contact has ended."""
 REMEMBERED = 0.95
@@ -164,12 +168,15 @@ def begin_members(
     obstacles: np.ndarray,
     h: float,
     others: bool,
+    in_contact: bool,
     members: np.ndarray,
 ) -> None:
     """
     Write the members, after their flight.
 
     Deformable bodies that may touch something get their start shape in the place of the result.
+    Their flights may be far from there: these margins are taken only if `confirm_steady` finds
+    that they need to be.
 
     Parameters
     ----------
@@ -185,6 +192,8 @@ def begin_members(
         s
     others : bool
         whether there is something else that bodies may touch
+    in_contact : bool
+        whether there were any contacts at the tick before
     members : (m,) MEMBER
         written
 
@@ -198,10 +207,14 @@ def begin_members(
         rate = applied(matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum']))
         turning = norm(rate) + norm(vector_of(member['carried']))
         member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
-        member['nearby'] = member['margin']
+        member['nearby'] = member['widest'] = member['margin']
         if member['is_soft'] and (others or nears_any(body, member, obstacles, x)):
-            member['margin'] += put_start_shape(body, x[now], x[1 - now], flown)
+            member['widest'] += put_start_shape(body, x[now], x[1 - now], flown)
             member['starts'] = True
+        if in_contact:
+            member['margin'] = min(member['margin'] + STEADY_MARGIN * scale, member['widest'])
+        else:
+            member['margin'] = member['widest']
 
 
 @kernel
@@ -266,11 +279,11 @@ def find_obstacle_rows(
             continue
         if is_held(member):
             continue
-        reach = body['thickness'] + member['margin']
         low, high, low_before, high_before = ZERO, ZERO, ZERO, ZERO
-        bounded = False
-        for which in range(len(obstacles)):
-            obstacle = obstacles[which]
+        bounded, begin, which = False, found, 0
+        while which < len(obstacles):
+            obstacle, reach = obstacles[which], body['thickness'] + member['margin']
+            which += 1
             if obstacle['kind'] != PLANE:
                 if not bounded:
                     low, high = bounds_of(x1, first, count)
@@ -285,10 +298,15 @@ def find_obstacle_rows(
                 if found < len(rows):
                     weight = weights[shape['first'] + contacts[k]['particle']]
                     velocity = put_obstacle_row(
-                        rows[found], contacts[k], number, body, reach, weight, obstacle, which,
+                        rows[found], contacts[k], number, body, reach, weight, obstacle, which - 1,
                         memory, x, v, flown, h,
                     )  # fmt: skip
                     complete_row(rows[found], members, velocity, h)
+                    if member['margin'] < member['widest'] and not is_calm(rows[found], member):
+                        # it is not steady: begin again with the wider margin
+                        member['margin'] = member['widest']
+                        found, which = begin, 0
+                        break
                 found += 1
     return found
 
@@ -341,8 +359,71 @@ def nears_any(body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarr
     return False
 
 
+@kernel
+def confirm_steady(
+    bodies: np.ndarray, members: np.ndarray, rows: np.ndarray, memory: np.ndarray, at_once: bool
+) -> bool:
+    """
+    Find which bodies are steady, and return whether others need wider margins.
+
+    Where all contacts of a body that press persist and their flights are those of the tick before,
+    the body is steady.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+    members, rows : (m,) MEMBER, (k,) ROW
+    memory : (r,) MEMORY
+        of the tick before
+    at_once : bool
+        whether all bodies get wider margins if one needs them
+
+    """
+    persists, seen = np.zeros(len(members), np.bool_), np.zeros(len(memory), np.bool_)
+    for member in members:
+        member['steady'] = True
+    for row in rows:
+        if not row['is_new']:
+            seen[row['known']] = True
+        for side in range(2):
+            index, _ = side_of(row, side)
+            if index >= 0:
+                persists[index] = persists[index] or not row['is_new']
+                if not is_calm(row, members[index]):
+                    members[index]['steady'] = False
+    for number in range(len(members)):
+        if not persists[number]:
+            members[number]['steady'] = False
+    for k in range(len(memory)):
+        if not seen[k] and norm(vector_of(memory[k]['force'])) > 0.0:
+            for member in members:
+                if concerns(memory[k]['key'], bodies[member['body']]['id']):
+                    member['steady'] = False
+    too_narrow = False
+    for member in members:
+        too_narrow = too_narrow or (not member['steady'] and member['margin'] < member['widest'])
+    for member in members:
+        if too_narrow and (at_once or not member['steady']):
+            member['margin'] = member['widest']
+    return too_narrow
+
+
 @helper
-def find_near(members: np.ndarray, rows: np.ndarray, memory: np.ndarray, near: np.ndarray) -> int:
+def change_of(row: np.void) -> float:
+    """Return the change of the flight at a contact from the tick before, m."""
+    if row['is_new']:
+        return -max(row['gap'], row['coasting'])
+    return abs(row['gap'] - row['gap_before'])
+
+
+@helper
+def is_calm(row: np.void, member: np.void) -> bool:
+    """Return whether the flight of a body at a contact is about that of the tick before."""
+    return change_of(row) <= SOFT_MARGIN * member['scale']
+
+
+@helper
+def find_near(members: np.ndarray, rows: np.ndarray, near: np.ndarray) -> int:
     """
     Choose the contacts that may act, and return their number.
 
@@ -351,45 +432,31 @@ def find_near(members: np.ndarray, rows: np.ndarray, memory: np.ndarray, near: n
     with their speed. By more than that they displace where a contact is deeper after the flight
     than it was after that of the tick before.
 
-    Where all contacts of a body persist and their flights are those of the tick before, the body
-    is steady: then a new contact acts only if it is closed with that speed. So the surface around
-    a patch, which springs out in the flight, needs no contacts.
+    A new contact of a body that is steady acts only if it is closed with that speed. So the
+    surface around a patch, which springs out in the flight, needs no contacts.
 
     Parameters
     ----------
     members, rows : (m,) MEMBER, (k,) ROW
-    memory : (r,) MEMORY
-        of the tick before
     near : (k,) bool
         written
 
     """
-    deepest, changes, persist = np.zeros(len(members)), np.zeros(len(members)), 0
-    held = np.zeros(len(members), np.bool_)
+    deepest, changes, count = np.zeros(len(members)), np.zeros(len(members)), 0
     for row in rows:
-        depth = min(row['gap_before'], 0.0) - row['gap']
-        change = -max(row['gap'], row['coasting'])
-        if not row['is_new']:
-            persist += 1
-            change = abs(row['gap'] - row['gap_before'])
+        depth, change = min(row['gap_before'], 0.0) - row['gap'], change_of(row)
         for side in range(2):
             index, _ = side_of(row, side)
             if index >= 0:
                 deepest[index] = max(deepest[index], depth)
                 changes[index] = max(changes[index], change)
-                held[index] = held[index] or not row['is_new']
-    vanished = persist < len(memory)
-    for number in range(len(members)):
-        calm = changes[number] <= SOFT_MARGIN * members[number]['scale']
-        held[number] = held[number] and calm and not vanished
-    count = 0
     for k in range(len(rows)):
         row, nearby, deformable, steady = rows[k], 0.0, False, True
         for side in range(2):
             index, _ = side_of(row, side)
             if index >= 0:
                 deformable = deformable or members[index]['is_soft']
-                steady = steady and held[index]
+                steady = steady and members[index]['steady']
         gap, displaced = min(row['gap'], row['coasting']), deepest
         if steady:
             gap, displaced = row['coasting'], changes
@@ -506,7 +573,7 @@ def resolve(
 
     """
     count, near = len(members), np.empty(len(rows), np.bool_)
-    left = find_near(members, rows, memory, near)
+    left = find_near(members, rows, near)
     island, own = np.empty(count, np.int64), np.empty(SPARE * left, rows.dtype)
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)

@@ -84,6 +84,7 @@ ROW = np.dtype(
         ('slip', np.float64, (2,)),  # along the tangents from touching to the end, m
         ('approach', np.float64),  # normal speed at touching; negative, m/s
         ('closing', np.float64),  # normal speed of approach at the end of the flight, m/s
+        ('known', np.int64),  # where it is in what is remembered, or −1
         ('is_new', np.bool_),  # not made at the tick before
         ('gap_before', np.float64),  # after the flight of the tick before; 0 if it is new, m
         ('coasting', np.float64),  # gap if both sides went on with their speed before, m
@@ -135,6 +136,13 @@ def key_of(kind: int, partner: int, owner: int, particle: int) -> int:
 
     """
     return kind + (partner << 41) + (owner << 21) + particle
+
+
+@helper
+def concerns(key: int, number: int) -> bool:
+    """Return whether a key is that of a contact of a body, or on it, by its `id`."""
+    partner, owner = (key >> 41) % IDENTITIES, (key >> 21) % IDENTITIES
+    return owner == number or (partner == number and key < OF_POINTS)
 
 
 def without(memory: np.ndarray, names: Iterable[str]) -> np.ndarray:
@@ -468,6 +476,7 @@ def recall(row: np.void, memory: np.ndarray) -> None:
         else:
             high = middle
     row['is_new'] = not (low < len(memory) and memory[low]['key'] == row['key'])
+    row['known'] = -1 if row['is_new'] else low
     put_vector(row['remembered'], ZERO)
     row['tolerated'], row['gap_before'] = math.inf, 0.0
     if not row['is_new']:
