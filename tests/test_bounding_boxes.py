@@ -6,9 +6,13 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
+from softbody_ros.core import make_surface
 from softbody_ros.core.body import BODY
+from softbody_ros.core.collision.broad_phase import CANDIDATE, discard_distant
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
+from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
 pytestmark = pytest.mark.oldest
 
@@ -53,3 +57,63 @@ def test_boxes_around_bodies_are_least_and_largest_values_and_a_margin(ahead):
         own = x[body['now'] ^ ahead][:, body['first'] :][:, : body['count']]
         assert np.array_equal(low[place], own.min(axis=1) - margin[place])
         assert np.array_equal(high[place], own.max(axis=1) + margin[place])
+
+
+REACH, TOLERATED, PARTICLES = 0.03, 0.01, 3
+
+
+def points_near_two_bodies(count):
+    """Return bodies, shapes, positions and candidates: particles, then points of either body."""
+    random = np.random.default_rng(5)
+    ball = make_surface('icosphere', 1.0, 3).vertices.T
+    box = make_surface('box', 0.5, 2).vertices.T
+    maps = np.eye(3) + 0.3 * random.normal(size=(2, 3, 3))
+    stretched = maps[0] @ ball, maps[1] @ box + 3.0
+    bodies, shapes = np.zeros(2, BODY), np.zeros(1, SHAPE)
+    bodies['surface'] = bodies['count'] = [each.shape[1] for each in stretched]
+    bodies['first'], bodies['thickness'] = (0, stretched[0].shape[1]), REACH / 2
+    shapes['scale'] = 2.0
+    x = np.zeros((2, 3, bodies['count'].sum()))
+    x[1] = np.concatenate(stretched, axis=1)
+    candidates = np.zeros(PARTICLES + 2 * count, CANDIDATE)
+    candidates['other'][PARTICLES + count :] = 1
+    candidates['thickness'], candidates['particle'] = REACH / 2, np.arange(len(candidates))
+    candidates['allowance'][::2] = TOLERATED / 2.0
+    for each, points in zip(
+        (candidates[PARTICLES:][:count], candidates[PARTICLES:][count:]), stretched, strict=True
+    ):
+        low, high = points.min(axis=1), points.max(axis=1)
+        each['point'] = random.uniform(low, high, size=(count, 3))
+    candidates['point'][:PARTICLES] = 100.0
+    return bodies, shapes, x, candidates, stretched
+
+
+def test_no_point_near_the_hull_of_a_body_is_discarded_and_few_others_are_left():
+    bodies, shapes, x, candidates, stretched = points_near_two_bodies(400)
+    everything = candidates.copy()
+    found = discard_distant(
+        bodies, np.arange(2), shapes, x, PARTICLES, len(candidates), candidates
+    )
+    left = candidates[:found]['particle']
+    assert np.array_equal(left[:PARTICLES], np.arange(PARTICLES))  # particles stay
+    assert np.array_equal(candidates[:found], everything[left])  # in order
+    for number, points in enumerate(stretched):
+        planes = ConvexHull(points.T).equations
+        own = np.flatnonzero(everything['other'] == number)
+        own = own[own >= PARTICLES]
+        beyond = (everything['point'][own] @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+        beyond += everything['allowance'][own] * shapes['scale'][0]
+        assert 50 < np.sum(beyond <= REACH) < 350
+        assert np.isin(own[beyond <= REACH], left).all()
+        size = np.ptp(points, axis=1).max()
+        assert not np.isin(own[beyond > REACH + 0.1 * size], left).any()
+        assert np.isin(own[beyond > REACH], left).sum() < 0.2 * np.sum(beyond > REACH)
+
+
+def test_for_few_points_the_particles_of_a_body_are_not_read():
+    bodies, shapes, x, candidates, _ = points_near_two_bodies(4)
+    everything, x[:] = candidates.copy(), np.nan
+    assert discard_distant(
+        bodies, np.arange(2), shapes, x, PARTICLES, len(candidates), candidates
+    ) == len(everything)
+    assert np.array_equal(candidates, everything)

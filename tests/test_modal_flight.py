@@ -916,8 +916,8 @@ def test_what_yields_keeps_its_strain_and_what_does_not_comes_back(mode):
 
 # ------------------------------------------------------------------------- what contacts will need
 @kernel
-def start_shape(bodies, index, x, result, flown, bound):
-    bound[0] = flight_map.put_start_shape(bodies[index], x, result, flown)
+def start_shape(bodies, index, x, v, result, flown, h, bounds):
+    bounds[0], bounds[1] = flight_map.put_start_shape(bodies[index], x, v, result, flown, h)
 
 
 @pytest.mark.parametrize('mode', SOFT)
@@ -928,10 +928,11 @@ def test_the_start_shape_of_a_body_that_moves_rigidly_is_its_flight_wherever_it_
     x = rigid_state(rest, seed=3)[0]
     flights.put(x + (100.0, -50.0, 20.0), np.cross((1e-3, 0.0, 0.0), x) + (3.0, 0.0, 0.0))
     assert flights.fly() == 0
-    result, bound = flights.state.x[1 - record['now']].copy(), np.zeros(1)
-    flown = np.empty_like(result)
-    start_shape(flights.state.bodies, 0, flights.state.x[record['now']], result, flown, bound)
-    assert bound[0] < 1e-8
+    now, bounds = record['now'], np.ones(2)
+    result = flights.state.x[1 - now].copy()
+    before, flown = (flights.state.x[now], flights.state.v[now]), np.empty_like(result)
+    start_shape(flights.state.bodies, 0, *before, result, flown, flights.h, bounds)
+    assert bounds == pytest.approx(0.0, abs=1e-8)
     assert pytest.approx(flights.flown()[0], abs=1e-8) == result.T
 
 
@@ -953,10 +954,14 @@ def test_the_record_says_where_particles_are_and_how_the_body_responds(mode):
     x, v = flights.flown(1)
     start, now = state.x[1 - record['now']].copy(), record['now']
     shape, flown = state.shapes[record['shape']], np.full_like(start, np.nan)
-    start_shape(state.bodies, 1, state.x[now], start, flown, np.zeros(1))
+    before, bounds = (state.x[now], state.v[now]), np.zeros(2)
+    start_shape(state.bodies, 1, *before, start, flown, flights.h, bounds)
     own = slice(record['first'], record['first'] + record['count'])
     assert (flown.T[own] == x).all() and np.isnan(flown.T[: own.start]).all()
     start = start[:, own]
+    for bound, moved in zip(bounds, (x, m.x + flights.h * m.v), strict=True):
+        largest = np.linalg.norm(moved - start.T, axis=1).max()
+        assert largest <= bound < len(x) ** 0.125 * largest + 1e-3
 
     turn, w = record['turn'], m.w
     assert np.abs(turn @ turn.T - np.eye(3)).max() < 1e-15

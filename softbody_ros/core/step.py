@@ -206,8 +206,8 @@ class Integrator:
         members = np.zeros(len(chosen), MEMBER)
         others = self._any_pairs or bool(environment.fixed_points)
         resolution.begin_members(
-            bodies, chosen, state.shapes, state.x, self._flown, environment.records, h, others,
-            len(memory) > 0, members,
+            bodies, chosen, state.shapes, state.x, state.v, self._flown, environment.records, h,
+            others, len(memory) > 0, members,
         )  # fmt: skip
         for at_once in (False, True, True):
             found = self._find_within_margins(chosen, environment, h, members)

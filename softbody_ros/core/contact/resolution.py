@@ -29,7 +29,7 @@ from softbody_ros.core.collision.obstacle_contacts import (
     find_contacts,
     may_touch,
 )
-from softbody_ros.core.collision.shapes import PLANE
+from softbody_ros.core.collision.shapes import MESH, PLANE
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.contact.energy import (
     GAIN,
@@ -127,9 +127,6 @@ MARGIN, SOFT_MARGIN = 0.01, 0.001
 and of deformable ones, where more are kept the more others change (`LEVER`)."""
 LEVER = 2.0
 """Displacement of particles by contacts at others, relative to that at these, at most."""
-STEADY_MARGIN = (1.0 + LEVER) * SOFT_MARGIN
-"""Distance, in RMS radii, beyond that of their motion, within which bodies that are steady have
-contacts: as far as contacts of what is steady may displace others, and once more."""
 RELEASED = 1e-12
 """Force, relative to that of the positions, that is rounding: the contact has ended."""
 REMEMBERED = 0.95
@@ -164,6 +161,7 @@ def begin_members(
     chosen: np.ndarray,
     shapes: np.ndarray,
     x: np.ndarray,
+    v: np.ndarray,
     flown: np.ndarray,
     obstacles: np.ndarray,
     h: float,
@@ -183,8 +181,8 @@ def begin_members(
     bodies : (B,) BODY
     chosen : (m,) int
     shapes : (R,) SHAPE
-    x : (2, 3, N) float
-        m
+    x, v : (2, 3, N) float
+        m, m/s
     flown : (3, N) float
         written: positions after the flight of those deformable bodies, m
     obstacles : (O,) OBSTACLE
@@ -209,11 +207,11 @@ def begin_members(
         member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
         member['nearby'] = member['widest'] = member['margin']
         if member['is_soft'] and (others or nears_any(body, member, obstacles, x)):
-            member['widest'] += put_start_shape(body, x[now], x[1 - now], flown)
-            member['starts'] = True
-        if in_contact:
-            member['margin'] = min(member['margin'] + STEADY_MARGIN * scale, member['widest'])
-        else:
+            distance, coasting = put_start_shape(body, x[now], v[now], x[1 - now], flown, h)
+            member['starts'], member['widest'] = True, member['nearby'] + distance
+            # a contact acts up to so far from where it would be with the velocities
+            member['margin'] = member['nearby'] + LEVER * SOFT_MARGIN * scale + coasting
+        if not in_contact or member['margin'] > member['widest']:
             member['margin'] = member['widest']
 
 
@@ -959,6 +957,8 @@ def find_corners(
         obstacle = obstacles[row['obstacle']]
         if obstacle['kind'] == PLANE or found == len(room):
             continue
+        if is_beyond_convex(obstacle, row['end_gap'], -LINEARISED * scale):
+            continue
         end = moved(row, 0, members[row['one']], particles)
         distance, outwards = distance_on_side_of_entry(
             obstacle, trees, start_of(row), end, row['thickness']
@@ -971,6 +971,16 @@ def find_corners(
         particles[row['particles'][0]]['rows'] += 1
         found += 1
     return found
+
+
+@helper
+def is_beyond_convex(obstacle: np.void, gap: float, limit: float) -> bool:
+    """
+    Return whether the distance from an obstacle is over a limit for certain, m.
+
+    From one that is convex, it is at least the gap from the plane of a contact with it.
+    """
+    return obstacle['kind'] != MESH and gap > limit
 
 
 @helper
@@ -1224,6 +1234,8 @@ def separate(
             if row['of_face']:
                 normal = applied(matrix_of(member['rotation']), normal)
             if row['column'] >= 0 and obstacles[row['obstacle']]['kind'] != PLANE:
+                if is_beyond_convex(obstacles[row['obstacle']], gap, 0.0):
+                    continue
                 # it may be round
                 place_now = moved(row, 0, member, particles)
                 distance, outwards = distance_on_side_of_entry(

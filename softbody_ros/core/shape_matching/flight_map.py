@@ -26,10 +26,12 @@ from softbody_ros.core.geometry.vectors import (
     dot,
     matrix_of,
     minus,
+    norm,
     plus,
     put_column,
     put_matrix,
     put_vector,
+    scaled,
     vector_of,
 )
 from softbody_ros.core.lanes import LANES, lanes_of, put_vectors, total, vectors_at
@@ -135,8 +137,13 @@ def write(
 
 @helper
 def put_start_shape(
-    body: np.void, start: np.ndarray, result: np.ndarray, flown: np.ndarray
-) -> float:
+    body: np.void,
+    start: np.ndarray,
+    v: np.ndarray,
+    result: np.ndarray,
+    flown: np.ndarray,
+    h: float,
+) -> tuple[float, float]:
     """
     Write the start shape x̂ = c' + E (x − c) in the place of the shape after the flight; keep that.
 
@@ -146,34 +153,51 @@ def put_start_shape(
     ----------
     body : BODY
         after `fly`
-    start, result : (3, N) float
-        positions before and after, m
+    start, v : (3, N) float
+        positions and velocities before the flight, m and m/s
+    result : (3, N) float
+        positions after it, m
     flown : (3, N) float
         written: positions after the flight, m
+    h : float
+        s
 
     Returns
     -------
-    float
-        bound of the distance of a particle in both, m: the norm of order 8
+    flown : float
+        bound of the distance of a particle after the flight from where it is here, m: the norm of
+        order 8
+    coasting : float
+        the same if particles went on with their velocities, m
 
     """
     turn, centre = matrix_of(body['turn']), vector_of(body['centre'])
     shift = minus(centre, applied(turn, vector_of(body['start_centre'])))
-    first, end, powers, last = body['first'], body['first'] + body['count'], lanes_of(0.0), 0.0
+    # of the centre, from where it would get with its velocity to where its acceleration takes it
+    fall = minus(scaled(h, vector_of(body['velocity'])), centre)
+    fall = plus(fall, vector_of(body['start_centre']))
+    first, end, last, last_coasting = body['first'], body['first'] + body['count'], 0.0, 0.0
+    powers = powers_coasting = lanes_of(0.0)
     whole = end - body['count'] % LANES
     for i in range(first, whole, LANES):
-        turned = plus(shift, applied(turn, vectors_at(start, i, LANES)))
+        before = vectors_at(start, i, LANES)
+        turned = plus(shift, applied(turn, before))
         after = vectors_at(result, i, LANES)
+        coasted = plus(along(before, h, vectors_at(v, i, LANES)), fall)
         powers = powers + eighth_power(minus(after, turned))
+        powers_coasting = powers_coasting + eighth_power(minus(coasted, turned))
         put_vectors(flown, i, LANES, after)
         put_vectors(result, i, LANES, turned)
     for i in range(whole, end):
-        place = plus(shift, applied(turn, column_of(start, i)))
-        after = column_of(result, i)
+        start_place, after = column_of(start, i), column_of(result, i)
+        place = plus(shift, applied(turn, start_place))
+        coasted = plus(along(start_place, h, column_of(v, i)), fall)
         last += eighth_power(minus(after, place))
+        last_coasting += eighth_power(minus(coasted, place))
         put_column(flown, i, after)
         put_column(result, i, place)
-    return math.sqrt(math.sqrt(math.sqrt(total(powers) + last)))
+    coasting = eighth_root(total(powers_coasting) + last_coasting) + norm(fall)
+    return eighth_root(total(powers) + last), coasting
 
 
 @helper
@@ -182,6 +206,12 @@ def eighth_power(a):  # type: ignore[no-untyped-def]
     square = dot(a, a)
     square = square * square
     return square * square
+
+
+@helper
+def eighth_root(value: float) -> float:
+    """Return the root of order 8."""
+    return math.sqrt(math.sqrt(math.sqrt(value)))
 
 
 @helper
