@@ -207,7 +207,7 @@ class Integrator:
         others = self._any_pairs or bool(environment.fixed_points)
         resolution.begin_members(
             bodies, chosen, state.shapes, state.x, state.v, self._flown, environment.records, h,
-            others, len(memory) > 0, members,
+            others, len(memory) > 0, state.reaction, members,
         )  # fmt: skip
         for at_once in (False, True, True):
             found = self._find_within_margins(chosen, environment, h, members)

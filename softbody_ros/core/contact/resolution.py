@@ -132,6 +132,9 @@ RELEASED = 1e-12
 REMEMBERED = 0.95
 """Share of the force of the tick before to which the compliance of a rigid body has yielded
 already: in rest the problem is solved as it is, and pressure becomes even in 20 ticks."""
+CALM = 0.01
+"""Displacement by its acceleration in a tick, relative to `SOFT_MARGIN`, up to which it is worth
+while to look whether a body is steady."""
 ROUNDS = 4
 """Linearisations of the positions, at most."""
 LARGEST_TWIST = 0.01
@@ -167,6 +170,7 @@ def begin_members(
     h: float,
     others: bool,
     in_contact: bool,
+    reaction: np.ndarray,
     members: np.ndarray,
 ) -> None:
     """
@@ -192,6 +196,8 @@ def begin_members(
         whether there is something else that bodies may touch
     in_contact : bool
         whether there were any contacts at the tick before
+    reaction : (B, 2, 3) float
+        what these exerted on bodies, see `State`
     members : (m,) MEMBER
         written
 
@@ -211,7 +217,10 @@ def begin_members(
             member['starts'], member['widest'] = True, member['nearby'] + distance
             # a contact acts up to so far from where it would be with the velocities
             member['margin'] = member['nearby'] + LEVER * SOFT_MARGIN * scale + coasting
-        if not in_contact or member['margin'] > member['widest']:
+        # steady is only what does not accelerate
+        force = plus(vector_of(member['acceleration']), vector_of(reaction[chosen[number], 0]))
+        may_be_steady = in_contact and h * h * norm(force) <= CALM * SOFT_MARGIN * scale
+        if not may_be_steady or member['margin'] > member['widest']:
             member['margin'] = member['widest']
 
 

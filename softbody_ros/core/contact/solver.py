@@ -47,7 +47,7 @@ SWEEPS, SLOW, MOST_SWEEPS = 4, 0.25, 200
 """Gauss–Seidel sweeps go on as long as so many reduce the residual to this share, at most 200."""
 FEW_MODES = 6
 """Of bodies, up to which a step of Newton's method costs little more than SWEEPS sweeps."""
-LARGE_SWEEPS, LARGE_SWEEPS_FEW, SHARED_SWEEPS = 60, 30, 3
+LARGE_SWEEPS, LARGE_SWEEPS_FEW, SHARED_SWEEPS = 25, 30, 3
 """Most sweeps of islands that are too large for Newton's method, the same of bodies with few
 modes, and those after each model."""
 LARGEST_ISLAND = 180
