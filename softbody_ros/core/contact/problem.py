@@ -39,8 +39,10 @@ from softbody_ros.core.lanes import (
     LANES,
     LaneVector,
     lanes_at,
+    lanes_of,
     no_vectors,
     put_lanes,
+    total,
     totals,
 )
 
@@ -204,6 +206,46 @@ def particle_response(
         if member >= 0 and counts[member] > RIGID:
             size = y[member, width_of(counts[member])]
             motion = along(motion, -size, stiffer(jacobian, line_of(k, side), counts[member]))
+    return motion
+
+
+@helper
+def normal_response(
+    row: np.void, jacobian: np.ndarray, k: int, counts: np.ndarray, y: np.ndarray
+) -> float:
+    """Return the normal component of J y of row k."""
+    motion = lanes_of(0.0)
+    for side in range(2):
+        member = row['one'] if side == 0 else row['two']
+        if member >= 0:
+            line = line_of(k, side)
+            for mode in range(0, counts[member], LANES):
+                amplitudes = lanes_at(y, member, mode, LANES)
+                motion = motion + lanes_at(jacobian, line, mode, LANES) * amplitudes
+    return total(motion)
+
+
+@helper
+def normal_particle_response(
+    row: np.void,
+    jacobian: np.ndarray,
+    k: int,
+    counts: np.ndarray,
+    y: np.ndarray,
+    shifts: np.ndarray,
+) -> float:
+    """Return the normal component of S u − K y of row k."""
+    apart = ZERO
+    for corner in range(4):
+        share = row['shares'][corner]
+        if share != 0.0:
+            apart = along(apart, share, column_of(shifts, row['particles'][corner]))
+    motion = dot(vector_of(row['normal']), apart)
+    for side in range(2):
+        member = row['one'] if side == 0 else row['two']
+        if member >= 0 and counts[member] > RIGID:
+            last = width_of(counts[member])
+            motion -= y[member, last] * jacobian[line_of(k, side), last]
     return motion
 
 

@@ -4,7 +4,8 @@
 Solve the contact problem of an island, see `problem`.
 
 Gauss–Seidel sweeps come first, for bodies of many modes as long as they converge fast; often they
-suffice. Then Newton's method, of a model for which the radii μ (f⁰ₙ + fₙ) of the friction discs
+suffice. Most of them go over the contacts that act, and some over all, so that those that may act
+but do not cost little. Then Newton's method, of a model for which the radii μ (f⁰ₙ + fₙ) of the friction discs
 are those of the last iterate, so that in the limit the law of Coulomb holds exactly. If it omits
 something, conjugate gradients and sweeps follow each time, which solve that. The numbers of all
 are bounded, and so is the time; how far the result is from a solution is returned.
@@ -32,6 +33,8 @@ from softbody_ros.core.contact.problem import (
     find_diagonals,
     line_of,
     mode_response,
+    normal_particle_response,
+    normal_response,
     on_disc,
     own_mobility,
     particle_response,
@@ -45,6 +48,9 @@ from softbody_ros.core.geometry.vectors import ZERO, Vector, plus, put_vector, v
 
 SWEEPS, SLOW, MOST_SWEEPS = 4, 0.25, 200
 """Gauss–Seidel sweeps go on as long as so many reduce the residual to this share, at most 200."""
+FIRST_SWEEPS, FEW_ACT = 2, 0.75
+"""Sweeps over all contacts at first, before those over the contacts that act; and the share of
+these up to which others are left out."""
 FEW_MODES = 6
 """Of bodies, up to which a step of Newton's method costs little more than SWEEPS sweeps."""
 LARGE_SWEEPS, LARGE_SWEEPS_FEW, SHARED_SWEEPS = 25, 30, 3
@@ -98,13 +104,22 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
     if is_large:
         limit = LARGE_SWEEPS_FEW if are_few else LARGE_SWEEPS
     residual, before, sweeps = math.inf, math.inf, 0
+    period = 2 * SWEEPS if is_large else SWEEPS
+    every, acting, count, over_all = np.arange(len(rows)), np.empty(len(rows), np.int64), 0, True
     while sweeps < limit:
-        residual, is_other_patch = sweep(problem)
+        residual, is_other_patch = sweep(problem, every if over_all else acting[:count])
         sweeps += 1
         if is_viscous and is_other_patch:
             distribute_viscous_friction(problem)
         if residual <= tolerance:
-            return residual, sweeps, 0
+            if over_all:
+                return residual, sweeps, 0
+            over_all = True
+            continue
+        if over_all:
+            count = find_acting(rows, acting)
+        is_worth_while = count <= FEW_ACT * len(rows)
+        over_all = sweeps < FIRST_SWEEPS or sweeps % period == 0 or not is_worth_while
         if are_few and not is_large and sweeps == SWEEPS:
             break
         if sweeps % SWEEPS == 1:
@@ -131,7 +146,7 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
             conjugate += descend(problem, vectors)
         if is_shared or (update >= STUBBORN and not is_viscous):
             for _ in range(SHARED_SWEEPS):
-                sweep(problem)
+                sweep(problem, every)
             sweeps += SHARED_SWEEPS
         residual = imbalance(problem)
         if residual < best:
@@ -161,9 +176,15 @@ def keep(rows: np.ndarray) -> None:
 
 
 @helper
-def sweep(problem: Problem) -> tuple[float, bool]:
+def sweep(problem: Problem, order: np.ndarray) -> tuple[float, bool]:
     """
     Project each force once, one after the other.
+
+    Parameters
+    ----------
+    problem : Problem
+    order : (j,) int
+        of which rows
 
     Returns
     -------
@@ -176,8 +197,15 @@ def sweep(problem: Problem) -> tuple[float, bool]:
     rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
     mobility, y, shifts = problem.mobility, problem.modes[0], problem.shifts[0]
     is_mobile, residual, is_other_patch = any_mobile(problem), 0.0, False
-    for k in range(len(rows)):
+    for k in order:
         row = rows[k]
+        if is_idle(row):
+            # mostly it stays so, which takes a third of the work to see
+            apart = normal_response(row, jacobian, k, counts, y)
+            if is_mobile:
+                apart += normal_particle_response(row, jacobian, k, counts, y, shifts)
+            if row['bias'][0] + row['compliance'][0] * row['force'][0] + apart >= 0.0:
+                continue
         motion = mode_response(row, jacobian, k, counts, y)
         if is_mobile:
             motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
@@ -192,6 +220,29 @@ def sweep(problem: Problem) -> tuple[float, bool]:
                 row['force'][axis] += change[axis]
             is_other_patch = is_other_patch or acted != acts(row)
     return math.sqrt(residual), is_other_patch
+
+
+@helper
+def is_idle(row: np.void) -> bool:
+    """Return whether a contact exerts no force, and could exert none without pressing."""
+    base, force = row['base'], row['force']
+    return (
+        not acts(row)
+        and row['friction'] < math.inf
+        and base[1] + force[1] == 0.0
+        and base[2] + force[2] == 0.0
+    )
+
+
+@helper
+def find_acting(rows: np.ndarray, acting: np.ndarray) -> int:
+    """Write the indices of the contacts that press (k,); return their number."""
+    count = 0
+    for k in range(len(rows)):
+        if acts(rows[k]):
+            acting[count] = k
+            count += 1
+    return count
 
 
 @helper
