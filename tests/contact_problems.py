@@ -43,7 +43,7 @@ def step_all(rows, jacobian, counts, mobility, modes, shifts, hessian, filled, t
     elif kind[0] == 1.0:
         descend(problem, np.empty((5, len(rows), 3)))
     else:
-        sweep(problem)
+        sweep(problem, np.arange(len(rows)))
 
 
 class Case:

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from softbody_ros.core.contact.rows import ROW
+from softbody_ros.core.contact.solver import LARGE_SWEEPS
 
 KINDS = {
     'rigid': (RIGID,),
@@ -364,11 +365,32 @@ def test_forces_are_within_their_cones_however_early_it_ends():
         case, _, _ = random_case(np.random.default_rng(seed), KINDS['mixed'], 5, 12)
         residual, sweeps, steps = case.solve(1e-12, is_large=True)
         assert residual > 1e-12
-        assert (sweeps, steps) == (60, 0)
+        assert (sweeps, steps) == (LARGE_SWEEPS, 0)
         total = case.rows['base'] + case.rows['force']
         assert total[:, 0].min() >= 0.0
         size = np.linalg.norm(total[:, 1:], axis=1)
         assert (size <= case.rows['friction'] * total[:, 0] + 1e-12).all()
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_sweeps_find_the_contacts_that_others_close_among_many_that_are_idle(seed):
+    random, number = np.random.default_rng(seed), 80
+    case = Case([LINEAR], np.full(number, 2.0))
+    for k in range(number):
+        # those at one end tilt the body, which closes those at the other that are open at first
+        place = k / (number - 1) - 0.5
+        jacobian = 0.02 * random.normal(size=(3, LINEAR))
+        jacobian[0, :2] = 0.1, place
+        gap = -0.3 if place > 0.4 else 0.02 + 0.3 * (place + 0.5)
+        bias = gap, *(0.1 * random.normal(size=2))
+        case.add(0, jacobian, shares=[(k, 1.0)], bias=bias, compliance=0.01, friction=0.3)
+    residual, sweeps, steps = case.solve(1e-9, is_large=True)
+    assert residual <= 1e-9 and steps == 0 and 4 < sweeps < LARGE_SWEEPS
+    closed = case.rows['force'][:, 0] > 0.0
+    was_open = case.rows['bias'][:, 0] > 0.0
+    assert (closed & was_open).any()
+    assert closed.sum() < 0.5 * number
+    case.check()
 
 
 def test_radii_of_discs_that_alternate_are_taken_in_their_middle():

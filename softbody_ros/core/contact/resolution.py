@@ -135,8 +135,8 @@ already: in rest the problem is solved as it is, and pressure becomes even in 20
 CALM = 0.01
 """Displacement by its acceleration in a tick, relative to `SOFT_MARGIN`, up to which it is worth
 while to look whether a body is steady."""
-ROUNDS = 4
-"""Linearisations of the positions, at most."""
+ROUNDS, LARGE_ROUNDS = 4, 2
+"""Linearisations of the positions, at most, and of islands too large for Newton's method."""
 LARGEST_TWIST = 0.01
 """Rotation by moments that J does not contain, rad, at most."""
 SHIFTS, LARGEST_SHIFT, CORNER_SHIFT = 3, 1e-3, 0.05
@@ -863,7 +863,7 @@ def resolve_island(
     begin_positions(members, particles, problem, h)
     last, has_room, unsolved = math.inf, True, work[2]
     energy = kinetic_energy(members)
-    for number in range(ROUNDS):
+    for number in range(ROUNDS if len(problem.filled) == len(members) else LARGE_ROUNDS):
         residual, sweeps, steps = solve(problem, tolerance, mass)
         work[0], work[1] = work[0] + sweeps, work[1] + steps
         work[2] += residual > tolerance

@@ -5,10 +5,11 @@ Solve the contact problem of an island, see `problem`.
 
 Gauss–Seidel sweeps come first, for bodies of many modes as long as they converge fast; often they
 suffice. Most of them go over the contacts that act, and some over all, so that those that may act
-but do not cost little. Then Newton's method, of a model for which the radii μ (f⁰ₙ + fₙ) of the friction discs
-are those of the last iterate, so that in the limit the law of Coulomb holds exactly. If it omits
-something, conjugate gradients and sweeps follow each time, which solve that. The numbers of all
-are bounded, and so is the time; how far the result is from a solution is returned.
+but do not cost little. Then Newton's method, of a model for which the radii μ (f⁰ₙ + fₙ) of the
+friction discs are those of the last iterate, so that in the limit the law of Coulomb holds
+exactly. If it omits something, conjugate gradients and sweeps follow each time, which solve that.
+The numbers of all are bounded, and so is the time; how far the result is from a solution is
+returned.
 
 Where contacts of each of two bodies are with faces of the other, nearly the same contact is there
 twice, and W nearly singular. A compliance of about a tenth of the particles' own response makes
@@ -53,7 +54,7 @@ FIRST_SWEEPS, FEW_ACT = 2, 0.75
 these up to which others are left out."""
 FEW_MODES = 6
 """Of bodies, up to which a step of Newton's method costs little more than SWEEPS sweeps."""
-LARGE_SWEEPS, LARGE_SWEEPS_FEW, SHARED_SWEEPS = 25, 30, 3
+LARGE_SWEEPS, LARGE_SWEEPS_FEW, SHARED_SWEEPS = 40, 30, 3
 """Most sweeps of islands that are too large for Newton's method, the same of bodies with few
 modes, and those after each model."""
 LARGEST_ISLAND = 180
