@@ -58,11 +58,10 @@ def sizes(world):
 def assert_kept(world, before, scale, tolerance=1e-9):
     """Assert that momentum and angular momentum are those before."""
     after = totals(world)
-    # bodies at rest that are put into each other have no momentum before to compare with
-    for change, size, present in zip(
-        (after[0] - before[0], after[1] - before[1]), scale, sizes(world), strict=True
-    ):
-        assert np.linalg.norm(change) <= tolerance * size + 1e-12 * (1.0 + present)
+    # bodies at rest that are put into each other have no momentum before to compare with, but
+    # forces: up to half a meganewton, of which the rounding remains
+    assert np.linalg.norm(after[0] - before[0]) <= tolerance * scale[0] + 1e-11
+    assert np.linalg.norm(after[1] - before[1]) <= tolerance * scale[1] + 1e-11
 
 
 def gap_speed(world):

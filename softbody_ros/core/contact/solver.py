@@ -219,6 +219,8 @@ def sweep(problem: Problem, order: np.ndarray) -> tuple[float, bool]:
             acted = acts(row)
             for axis in range(3):
                 row['force'][axis] += change[axis]
+            # exactly none, not next to none by rounding
+            row['force'][0] = max(row['force'][0], -row['base'][0])
             is_other_patch = is_other_patch or acted != acts(row)
     return math.sqrt(residual), is_other_patch
 
