@@ -25,7 +25,8 @@ which are matched only. A tick is a sequence of stages (step.py), each one or se
    collision/obstacle_contacts.py (shapes in collision/shapes.py, meshes in geometry/bvh.py) and
    collision/body_contacts.py (broad_phase, narrow_phase), as rows (rows.py) of one problem for
    each island (problem.py), of bodies that yield by their modes (members.py), solved (solver.py,
-   newton.py) once for positions and once for velocities. The equations are in docs/explanation/contact.md.
+   newton.py) once for positions and once for velocities. The equations are in
+   docs/explanation/contact.md.
 3. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
 
 What contacts exert in a tick, each stage adds to the results of contact/exchange.py, which are

@@ -398,12 +398,16 @@ def confirm_steady(
                 persists[index] = persists[index] or not row['is_new']
                 if not is_calm(row, members[index]):
                     members[index]['steady'] = False
+    candidates, count = np.empty(len(members), np.int64), 0
     for number in range(len(members)):
-        if not persists[number]:
-            members[number]['steady'] = False
+        members[number]['steady'] = members[number]['steady'] and persists[number]
+        if members[number]['steady']:
+            candidates[count] = number
+            count += 1
     for k in range(len(memory)):
         if not seen[k] and norm(vector_of(memory[k]['force'])) > 0.0:
-            for member in members:
+            for number in candidates[:count]:
+                member = members[number]
                 if concerns(memory[k]['key'], bodies[member['body']]['id']):
                     member['steady'] = False
     too_narrow = False
