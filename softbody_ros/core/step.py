@@ -209,16 +209,17 @@ class Integrator:
             bodies, chosen, state.shapes, state.x, state.v, self._flown, environment.records, h,
             others, len(memory) > 0, state.reaction, members,
         )  # fmt: skip
+        # at most three times: then all have their widest margins
         for at_once in (False, True, True):
-            found = self._find_within_margins(chosen, environment, h, members)
+            found = self._find_obstacle_rows(environment, h, members)
+            if others:
+                found = self._find_face_rows(chosen, environment, h, members, found)
             rows = self._rows[:found]
             if not resolution.confirm_steady(bodies, members, rows, memory, at_once):
                 break
         return members, found
 
-    def _find_within_margins(
-        self, chosen: np.ndarray, environment: Environment, h: float, members: np.ndarray
-    ) -> int:
+    def _find_obstacle_rows(self, environment: Environment, h: float, members: np.ndarray) -> int:
         state, bodies, memory = self._state, self._state.bodies, self._state.contact_memory
         while True:
             found = resolution.find_obstacle_rows(
@@ -227,11 +228,8 @@ class Integrator:
                 self._rows, state.is_pinned,
             )  # fmt: skip
             if found <= len(self._rows):
-                break
+                return found
             self._rows = np.zeros(2 * found, ROW)
-        if self._any_pairs or environment.fixed_points:
-            found = self._find_face_rows(chosen, environment, h, members, found)
-        return found
 
     def resolve_rows(
         self, members: np.ndarray, found: int, environment: Environment, h: float
