@@ -48,6 +48,7 @@ from softbody_ros.core.geometry.vectors import (
     outer,
     plus,
     product,
+    put_column,
     put_matrix,
     put_vector,
     scaled,
@@ -635,6 +636,19 @@ def turned_columns(rate: Vector, columns: Matrix) -> Matrix:
     result = transposed(columns)
     result = (cross(rate, result[0]), cross(rate, result[1]), cross(rate, result[2]))
     return transposed(result)
+
+
+@helper
+def put_fit_of_features(
+    body: np.void, shape: np.void, member: np.void, fits: np.ndarray, first: int
+) -> None:
+    """Write T W, by which T ψ = T W f of features f that are not whitened, from a column on."""
+    for f in range(member['features']):
+        column = ZERO
+        for k in range(member['features']):
+            share = whitening_at(body, shape, k, f)
+            column = along(column, share, vector_of(member['fit'][k]))
+        put_column(fits, first + f, column)
 
 
 @helper

@@ -63,7 +63,6 @@ from softbody_ros.core.contact.members import (
     place_particles,
     put_member,
     put_modes,
-    put_particle,
     put_rotation,
     start_velocities,
 )
@@ -81,6 +80,7 @@ from softbody_ros.core.contact.rows import (
     complete_row,
     concerns,
     copy_record,
+    end_normal,
     flown,
     in_world,
     put_face_row,
@@ -91,8 +91,18 @@ from softbody_ros.core.contact.rows import (
     side_of,
 )
 from softbody_ros.core.contact.solver import LARGEST_ISLAND, solve
+from softbody_ros.core.contact.working_set import (
+    LEVER,
+    SOFT_MARGIN,
+    SPARE,
+    Flight,
+    find_working_set,
+    is_calm,
+    number_particles,
+    sort_into_islands,
+    take_closed,
+)
 from softbody_ros.core.geometry.bvh import Trees
-from softbody_ros.core.geometry.union_find import root_of, unite
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
     ZERO,
@@ -122,11 +132,8 @@ from softbody_ros.core.shape_matching.rigid_motion import put_motion
 
 VELOCITY_COMPLIANCE = 1e-4
 """Compliance of contacts for velocities, relative to the inverse mass."""
-MARGIN, SOFT_MARGIN = 0.01, 0.001
-"""Distance, in RMS radii, within which contacts take part that are not made yet: of rigid bodies,
-and of deformable ones, where more are kept the more others change (`LEVER`)."""
-LEVER = 2.0
-"""Displacement of particles by contacts at others, relative to that at these, at most."""
+MARGIN = 0.01
+"""Distance, in RMS radii, within which contacts of rigid bodies are rows that are not made yet."""
 RELEASED = 1e-12
 """Force, relative to that of the positions, that is rounding: the contact has ended."""
 REMEMBERED = 0.95
@@ -135,16 +142,16 @@ already: in rest the problem is solved as it is, and pressure becomes even in 20
 CALM = 0.01
 """Displacement by its acceleration in a tick, relative to `SOFT_MARGIN`, up to which it is worth
 while to look whether a body is steady."""
-ROUNDS, LARGE_ROUNDS = 4, 2
-"""Linearisations of the positions, at most, and of islands too large for Newton's method."""
+ROUNDS, LARGE_ROUNDS, SELECTIONS = 4, 2, 4
+"""Linearisations of the positions, at most, and of islands too large for Newton's method; and how
+many more while contacts that had been left out join."""
 LARGEST_TWIST = 0.01
 """Rotation by moments that J does not contain, rad, at most."""
 SHIFTS, LARGEST_SHIFT, CORNER_SHIFT = 3, 1e-3, 0.05
 """Passes in which bodies are shifted out of obstacles in the end, and how far, in RMS radii: at
 most, and particles at another side than that of their contact."""
-CORNERS, SPARE = 2, 2
-"""Searches for contacts of particles with another side, and room for rows, relative to those
-found after the flight."""
+CORNERS = 2
+"""Searches for contacts of particles with another side."""
 SAME_SIDE, OTHER_SIDE = 0.5, 0.5
 """Cosine between normals of the same side of an obstacle; and ratio of the depths of a particle
 below the side of its contact and below the nearest one, up to which they differ."""
@@ -419,67 +426,6 @@ def confirm_steady(
     return too_narrow
 
 
-@helper
-def change_of(row: np.void) -> float:
-    """Return the change of the flight at a contact from the tick before, m."""
-    if row['is_new']:
-        return -max(row['gap'], row['coasting'])
-    return abs(row['gap'] - row['gap_before'])
-
-
-@helper
-def is_calm(row: np.void, member: np.void) -> bool:
-    """Return whether the flight of a body at a contact is about that of the tick before."""
-    return change_of(row) <= SOFT_MARGIN * member['scale']
-
-
-@helper
-def find_near(members: np.ndarray, rows: np.ndarray, near: np.ndarray) -> int:
-    """
-    Choose the contacts that may act, and return their number.
-
-    Not those of deformable start shapes that are none after the flight, unless forces at others
-    may close them. Forces at contacts that persist keep up what there was: with them, sides go on
-    with their speed. By more than that they displace where a contact is deeper after the flight
-    than it was after that of the tick before.
-
-    A new contact of a body that is steady acts only if it is closed with that speed. So the
-    surface around a patch, which springs out in the flight, needs no contacts.
-
-    Parameters
-    ----------
-    members, rows : (m,) MEMBER, (k,) ROW
-    near : (k,) bool
-        written
-
-    """
-    deepest, changes, count = np.zeros(len(members)), np.zeros(len(members)), 0
-    for row in rows:
-        depth, change = min(row['gap_before'], 0.0) - row['gap'], change_of(row)
-        for side in range(2):
-            index, _ = side_of(row, side)
-            if index >= 0:
-                deepest[index] = max(deepest[index], depth)
-                changes[index] = max(changes[index], change)
-    for k in range(len(rows)):
-        row, nearby, deformable, steady = rows[k], 0.0, False, True
-        for side in range(2):
-            index, _ = side_of(row, side)
-            if index >= 0:
-                deformable = deformable or members[index]['is_soft']
-                steady = steady and members[index]['steady']
-        gap, displaced = min(row['gap'], row['coasting']), deepest
-        if steady:
-            gap, displaced = row['coasting'], changes
-        for side in range(2):
-            index, _ = side_of(row, side)
-            if index >= 0:
-                nearby += members[index]['nearby'] + LEVER * displaced[index]
-        near[k] = not (deformable and row['is_new'] and gap > nearby)
-        count += near[k]
-    return count
-
-
 @kernel
 def find_face_rows(
     bodies: np.ndarray,
@@ -583,29 +529,30 @@ def resolve(
         number of forces to remember
 
     """
-    count, near = len(members), np.empty(len(rows), np.bool_)
-    left = find_near(members, rows, near)
+    count, status = len(members), np.empty(len(rows), np.int64)
+    left = find_working_set(members, rows, status)
     island, own = np.empty(count, np.int64), np.empty(SPARE * left, rows.dtype)
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)
-    used = np.zeros(count, np.int64)
-    sort_into_islands(members, rows, near, island, first_body, first_row, inside, local, own, used)
-    all_particles = np.empty(4 * left, PARTICLE)
-    kept = 0
+    working, first_waiting = np.zeros(count, np.int64), np.zeros(count + 1, np.int64)
+    waiting = np.empty(len(rows), np.int64)
+    sort_into_islands(
+        members, rows, status, island, first_body, first_row, inside, local, own, working,
+        first_waiting, waiting,
+    )  # fmt: skip
+    all_particles = np.empty(4 * SPARE * left, PARTICLE)
+    flight, kept = Flight(bodies, shapes, weights, q, v, flown, is_pinned, place_of), 0
     for root in range(count):
-        first, last = first_row[root], first_row[root] + used[root]
+        first, last = first_row[root], first_row[root]
         together = inside[first_body[root] : first_body[root + 1]]
-        particles, meets = all_particles[:0], first < last
+        particles, meets = all_particles[:0], first < first_row[root + 1]
         if meets:
-            touched = number_particles(
-                together, own[first:last], bodies, shapes, weights, q, v, flown, place_of,
-                all_particles, is_pinned,
+            acting, touched = resolve_island(
+                together, own[first : first_row[root + 1]], working[root], rows,
+                waiting[first_waiting[root] : first_waiting[root + 1]], all_particles, flight,
+                obstacles, trees, h, work,
             )  # fmt: skip
-            particles = all_particles[:touched]
-            of_island = own[first : first_row[root + 1]]
-            last = first + resolve_island(
-                together, of_island, last - first, particles, obstacles, trees, h, work
-            )
+            last, particles = first + acting, all_particles[:touched]
         for k in range(first, last):
             row = own[k]
             if row['key'] >= 0:
@@ -630,47 +577,8 @@ def resolve(
                 write_body(body, member, x, v)
         for particle in particles:
             write_particle(particle, together, bodies, x, v)
+            place_of[particle['column']] = -1
     return kept
-
-
-@helper
-def number_particles(
-    members: np.ndarray,
-    rows: np.ndarray,
-    bodies: np.ndarray,
-    shapes: np.ndarray,
-    weights: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    place_of: np.ndarray,
-    particles: np.ndarray,
-    is_pinned: np.ndarray,
-) -> int:
-    """Write the particles of deformable bodies at contacts, and return their number."""
-    count = 0
-    for row in rows:
-        for corner in range(4):
-            if row['shares'][corner] == 0.0:
-                continue
-            column = row['columns'][corner]
-            if place_of[column] < 0:
-                number = row['one'] if row['shares'][corner] > 0.0 else row['two']
-                member = members[number]
-                body = bodies[member['body']]
-                shape = shapes[body['shape']]
-                weight = weights[shape['first'] + column - body['first']]
-                put_particle(
-                    particles[count], column, number, member, body, shape, weight, q, flown,
-                    v[1 - body['now']], is_pinned[column],
-                )  # fmt: skip
-                place_of[column] = count
-                count += 1
-            row['particles'][corner] = place_of[column]
-            particles[place_of[column]]['rows'] += 1
-    for k in range(count):
-        place_of[particles[k]['column']] = -1
-    return count
 
 
 @helper
@@ -706,72 +614,6 @@ def write_particle(
     velocity = plus(vector_of(particle['velocity']), cross(rate, shift))
     put_column(x[half], column, plus(column_of(x[half], column), shift))
     put_column(v[half], column, plus(column_of(v[half], column), velocity))
-
-
-@helper
-def sort_into_islands(
-    members: np.ndarray,
-    rows: np.ndarray,
-    near: np.ndarray,
-    island: np.ndarray,
-    first_body: np.ndarray,
-    first_row: np.ndarray,
-    inside: np.ndarray,
-    local: np.ndarray,
-    own: np.ndarray,
-    used: np.ndarray,
-) -> None:
-    """
-    Copy bodies and contacts, island by island; contacts refer to bodies within their island.
-
-    Parameters
-    ----------
-    members, rows : (m,) MEMBER, (k,) ROW
-    near : (k,) bool
-        which contacts may act: the others are left out
-    island, local : (m,) int
-        written: least member of the island, and number within it
-    first_body, first_row : (m + 1,) int
-        written: where in the copies the island of each least member begins
-    inside, own : (m,) MEMBER, (SPARE k,) ROW
-        written; each island has room for more contacts
-    used : (m,) int
-        zeros; written: number of contacts of the island of each least member
-
-    """
-    count = len(members)
-    for number in range(count):
-        island[number] = number
-    for k in range(len(rows)):
-        row = rows[k]
-        if near[k] and row['two'] >= 0:
-            unite(island, row['one'], row['two'])
-    for number in range(count):
-        island[number] = root_of(island, number)
-        first_body[island[number] + 1] += 1
-    for k in range(len(rows)):
-        if near[k]:
-            first_row[island[rows[k]['one']] + 1] += SPARE
-    for number in range(count):
-        first_body[number + 1] += first_body[number]
-        first_row[number + 1] += first_row[number]
-    filled = np.zeros(count, np.int64)
-    for number in range(count):
-        root = island[number]
-        local[number] = filled[root]
-        copy_record(inside, first_body[root] + filled[root], members, number)
-        filled[root] += 1
-    for k in range(len(rows)):
-        if not near[k]:
-            continue
-        root = island[rows[k]['one']]
-        place_in = first_row[root] + used[root]
-        copy_record(own, place_in, rows, k)
-        row = own[place_in]
-        row['one'] = local[row['one']]
-        if row['two'] >= 0:
-            row['two'] = local[row['two']]
-        used[root] += 1
 
 
 @helper
@@ -826,29 +668,37 @@ def press(row: np.void, side: int, body: np.void, h: float, normal_impulse: np.n
 def resolve_island(
     members: np.ndarray,
     room: np.ndarray,
-    used: int,
-    particles: np.ndarray,
+    working: int,
+    rows: np.ndarray,
+    waiting: np.ndarray,
+    all_particles: np.ndarray,
+    flight: Flight,
     obstacles: np.ndarray,
     trees: Trees,
     h: float,
     work: np.ndarray,
-) -> int:
+) -> tuple[int, int]:
     """
     Resolve the contacts of one island: positions, then velocities.
 
     Parameters
     ----------
-    room : (k,) ROW
-        the contacts, and room for more
-    used : int
-        number of contacts
-    members, particles, obstacles, trees, h, work
+    members : (m,) MEMBER
+    room : (r,) ROW
+        the contacts that take part, and room for more
+    working : int
+        number of contacts that take part
+    rows, waiting : (k,) ROW, (w,) int
+        all contacts, and which of them wait: written
+    all_particles : (p,) PARTICLE
+        room for particles at contacts, written
+    flight, obstacles, trees, h, work
         see `resolve`
 
     Returns
     -------
-    int
-        number of contacts that act: the first ones then, with those found in the end
+    acting, touched : int
+        number of contacts that act, the first ones then; and of particles
 
     """
     scale, mass, is_soft = members[0]['scale'], members[0]['mass'], False
@@ -863,52 +713,68 @@ def resolve_island(
     if is_soft:
         tolerance = (SOFT_TOLERANCE if len(members) > 1 else SINGLE_TOLERANCE) * scale
     linearised = LINEARISED * scale
-    problem = new_problem(members, room[:used], particles)
-    begin_positions(members, particles, problem, h)
+    whole = new_problem(members, room)
+    problem = begin_positions(members, all_particles, flight, whole, 0, 0, working, h)
+    particles = all_particles[: len(problem.mobility)]
     last, has_room, unsolved = math.inf, True, work[2]
     energy = kinetic_energy(members)
-    for number in range(ROUNDS if len(problem.filled) == len(members) else LARGE_ROUNDS):
+    is_large = len(whole.filled) < len(members)
+    rounds, selections = LARGE_ROUNDS if is_large else ROUNDS, SELECTIONS
+    while rounds > 0:
         residual, sweeps, steps = solve(problem, tolerance, mass)
         work[0], work[1] = work[0] + sweeps, work[1] + steps
         work[2] += residual > tolerance
         place_all(members, particles, problem)
+        before = working
+        working = take_closed(members, particles, rows, waiting, flight, room, working)
+        joins = working > before
+        if joins:
+            problem = begin_positions(
+                members, all_particles, flight, whole, len(particles), before, working, h
+            )
+            particles = all_particles[: len(problem.mobility)]
         error, overlap = linearise(members, particles, problem)
-        solved = residual <= tolerance
         shrinks = overlap <= max(0.5 * last, linearised)
-        has_room = number == 0 or shrinks or not solved
+        has_room = last == math.inf or joins or shrinks or residual > tolerance
         if error <= linearised or not has_room:
             break
         last = overlap
+        if joins and selections > 0:
+            selections -= 1
+        else:
+            rounds -= 1
     if has_room and is_soft:
         for _ in range(CORNERS):
-            found = find_corners(members, particles, room, used, obstacles, trees, scale)
-            if found == used:
+            found = find_corners(members, particles, room, working, obstacles, trees, scale)
+            if found == working:
                 break
-            used = found
-            problem = new_problem(members, room[:used], particles)
-            begin_positions(members, particles, problem, h)
+            problem = begin_positions(
+                members, all_particles, flight, whole, len(particles), working, found, h
+            )
+            working = found
+            linearise(members, particles, problem)
             for _ in range(2):
                 solve(problem, tolerance, mass)
                 place_all(members, particles, problem)
                 linearise(members, particles, problem)
-    rows = problem.rows
+    own = problem.rows
     if has_room:
-        separate(members, rows, particles, obstacles, trees, scale)
+        separate(members, own, particles, obstacles, trees, scale)
     else:
         # the forces of the compliance
-        for k in range(len(rows)):
-            rows[k]['bias'][0] = rows[k]['linear_gap']
+        for row in own:
+            row['bias'][0] = row['linear_gap']
         solve(problem, tolerance, mass)
         place_all(members, particles, problem)
     # lifted to where it touched, a body has less than after its flight
     kept = max(energy + work_of_loads(members), 0.0)
     keep_motion(members)
-    change_velocities(members, rows, particles, h)
+    change_velocities(members, own, particles, h)
     start_velocities(members, particles, problem.modes[0], h)
     put_rotation(members, particles)
     acting = begin_velocities(members, particles, problem, h)
     if acting > 0:
-        impulses = first_rows(problem, acting)
+        impulses = first_rows(problem, acting, len(particles))
         residual, sweeps, steps = solve(impulses, tolerance / h, mass)
         impact = any_impact(impulses.rows) and all_still(members, impulses.rows)
         most = energy_after(members, impulses.rows) if impact else 0.0
@@ -925,20 +791,18 @@ def resolve_island(
         add_impulses(members, impulses.rows)
         add_velocities(members, particles, problem.modes[0], problem.shifts[0])
     share = 1.0
-    if not is_soft and (
-        not any_driven(members) or work[2] > unsolved or any_inside(members, rows)
-    ):
-        most = largest_energy(members, rows[:acting], kept, h)
+    if not is_soft and (not any_driven(members) or work[2] > unsolved or any_inside(members, own)):
+        most = largest_energy(members, own[:acting], kept, h)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
-            share = keep_energy(members, rows, energy, most)
+            share = keep_energy(members, own, energy, most)
     put_rotation(members, particles)
     for k in range(acting):
-        row = rows[k]
+        row = own[k]
         for axis in range(3):
             row['force'][axis] = share * (row['positional'][axis] + row['force'][axis] / h)
         if not row['force'][0] > RELEASED * row['positional'][0]:
             put_vector(row['force'], ZERO)
-    return acting
+    return acting, len(particles)
 
 
 @helper
@@ -952,7 +816,7 @@ def find_corners(
     members: np.ndarray,
     particles: np.ndarray,
     room: np.ndarray,
-    used: int,
+    working: int,
     obstacles: np.ndarray,
     trees: Trees,
     scale: float,
@@ -962,8 +826,8 @@ def find_corners(
 
     In the corner of a bin, a particle touches both walls. Returned is the number of rows.
     """
-    found = used
-    for k in range(used):
+    found = working
+    for k in range(working):
         row = room[k]
         if row['two'] >= 0 or row['column'] < 0 or not members[row['one']]['is_soft']:
             continue
@@ -981,7 +845,6 @@ def find_corners(
             continue
         copy_record(room, found, room, k)
         put_other_side(room[found], outwards, gap, end)
-        particles[row['particles'][0]]['rows'] += 1
         found += 1
     return found
 
@@ -997,37 +860,34 @@ def is_beyond_convex(obstacle: np.void, gap: float, limit: float) -> bool:
 
 
 @helper
-def new_problem(members: np.ndarray, rows: np.ndarray, particles: np.ndarray) -> Problem:
-    """Return the contact problem of an island, without responses."""
-    count, touched = len(members), len(particles)
+def new_problem(members: np.ndarray, rows: np.ndarray) -> Problem:
+    """Return room for the contact problem of an island."""
+    count, most_touched = len(members), 4 * len(rows)
     counts, most, total_modes = np.empty(count, np.int64), RIGID_MODES, 0
     for number in range(count):
         counts[number] = RIGID_MODES + 3 * members[number]['features']
         most, total_modes = max(most, counts[number]), total_modes + counts[number]
-    mobility = np.empty(touched)
-    for k in range(touched):
-        mobility[k] = particles[k]['mobility']
     factorised = count if total_modes <= LARGEST_ISLAND else 0
     return Problem(
         rows,
         np.empty((6 * len(rows), width_of(most) + 1)),
         counts,
-        mobility,
+        np.empty(most_touched),
         np.zeros((3, count, width_of(most) + 1)),
-        np.empty((2, 3, touched)),
+        np.empty((2, 3, most_touched)),
         np.empty((factorised, factorised, most, most)),
         np.empty((factorised, factorised), np.bool_),
     )
 
 
 @helper
-def first_rows(problem: Problem, count: int) -> Problem:
-    """Return the problem of the first rows."""
+def first_rows(problem: Problem, count: int, touched: int) -> Problem:
+    """Return the problem of the first rows and particles."""
     return Problem(
         problem.rows[:count],
         problem.jacobian[: 6 * count],
         problem.counts,
-        problem.mobility,
+        problem.mobility[:touched],
         problem.modes,
         problem.shifts,
         problem.hessian,
@@ -1098,20 +958,64 @@ def put_features(row: np.void, side: int, particles: np.ndarray, features: np.nd
 
 @helper
 def begin_positions(
-    members: np.ndarray, particles: np.ndarray, problem: Problem, h: float
-) -> None:
-    """Write the problem of positions; its unknowns are λ = h² f / 2."""
-    rows, jacobian, features = problem.rows, problem.jacobian, np.empty(QUADRATIC_FEATURES)
-    for k in range(len(rows)):
+    members: np.ndarray,
+    particles: np.ndarray,
+    flight: Flight,
+    whole: Problem,
+    known: int,
+    first: int,
+    working: int,
+    h: float,
+) -> Problem:
+    """
+    Write rows of the problem of positions; its unknowns are λ = h² f / 2.
+
+    Parameters
+    ----------
+    members, particles : (m,) MEMBER, (p,) PARTICLE
+        particles are written
+    flight
+        see `resolve`
+    whole : Problem
+        with room for all rows
+    known, first, working : int
+        number of particles before, and of rows before and now
+    h : float
+        s
+
+    Returns
+    -------
+    Problem
+        that of the rows that take part
+
+    """
+    rows, jacobian, features = whole.rows, whole.jacobian, np.empty(QUADRATIC_FEATURES)
+    touched = number_particles(members, rows[first:working], flight, particles, known)
+    for k in range(known, touched):
+        whole.mobility[k] = particles[k]['mobility']
+        for axis in range(3):
+            whole.shifts[0, axis, k] = 0.0
+    for k in range(first):
+        row = rows[k]
+        if not row['shares_particles'] and is_shared(row, particles):
+            # for changes from here on only
+            added = PROXIMAL * own_mobility(row, whole.mobility)
+            row['shares_particles'] = True
+            for axis in range(3):
+                row['bias'][axis] -= added * row['force'][axis]
+            for which in range(2):
+                row['compliance'][which] += added
+    for k in range(first, working):
         row, point = rows[k], vector_of(rows[k]['point'])
         put_jacobian(row, jacobian, k, members, particles, point, False, features)
-        mobility = own_mobility(row, problem.mobility)
+        mobility = own_mobility(row, whole.mobility)
         if mobility == 0.0 and row['inverse_mass'] == 0.0:
             # between pinned particles
             row['inverse_mass'] = 1.0 / members[row['one']]['mass']
         compliance = row['softness'] * row['inverse_mass'] * 2.0
         compliance /= h * h * CONTACT_FREQUENCY * CONTACT_FREQUENCY
-        if is_shared(row, particles):
+        row['shares_particles'] = is_shared(row, particles)
+        if row['shares_particles']:
             compliance += PROXIMAL * mobility
         row['compliance'][0] = row['compliance'][1] = compliance
         start = scaled(0.5 * h * h, vector_of(row['remembered']))
@@ -1128,6 +1032,7 @@ def begin_positions(
             row['free'][axis] = row['slip'][axis]
         for axis in range(3):
             row['base'][axis] = 0.0
+    return first_rows(whole, working, touched)
 
 
 @helper
@@ -1166,17 +1071,14 @@ def moved(row: np.void, side: int, member: np.void, particles: np.ndarray) -> Ve
 @helper
 def end_gap(row: np.void, members: np.ndarray, particles: np.ndarray) -> float:
     """Return the gap of a contact after the tick, m."""
-    point, normal = vector_of(row['point']), vector_of(row['normal'])
+    point = vector_of(row['point'])
     apart = minus(moved(row, 0, members[row['one']], particles), point)
     apart = minus(apart, vector_of(row['offsets'][0]))
     if row['two'] >= 0:
         two = members[row['two']]
         apart = minus(apart, minus(moved(row, 1, two, particles), point))
         apart = plus(apart, vector_of(row['offsets'][1]))
-        normal = applied(matrix_of(two['rotation']), normal)
-    elif row['of_face']:
-        normal = applied(matrix_of(members[row['one']]['rotation']), normal)
-    return row['gap'] + dot(normal, apart)
+    return row['gap'] + dot(end_normal(row, members), apart)
 
 
 @helper

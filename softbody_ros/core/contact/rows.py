@@ -59,6 +59,7 @@ ROW = np.dtype(
         # of deformable bodies: the shares of f on particles, numbered within the island
         ('shares', np.float64, (4,)),
         ('particles', np.int64, (4,)),
+        ('shares_particles', np.bool_),  # whether other contacts act on these, too
         ('target', np.float64, (3,)),  # what f approaches
         ('best', np.float64, (3,)),  # of all that f has been, nearest to a solution
         ('radius', np.float64),  # of the friction disc
@@ -340,6 +341,17 @@ def put_other_side(row: np.void, normal: Vector, gap: float, end: Vector) -> Non
 def flown(row: np.void) -> Vector:
     """Return where the first side of a contact is after the flight, m."""
     return plus(vector_of(row['point']), vector_of(row['offsets'][0]))
+
+
+@helper
+def end_normal(row: np.void, members: np.ndarray) -> Vector:
+    """Return the normal of a contact after the tick: that of a face turns with its body."""
+    normal = vector_of(row['normal'])
+    if row['two'] >= 0:
+        return applied(matrix_of(members[row['two']]['rotation']), normal)
+    if row['of_face']:
+        return applied(matrix_of(members[row['one']]['rotation']), normal)
+    return normal
 
 
 @helper

@@ -47,8 +47,10 @@ from softbody_ros.core.contact.problem import (
 )
 from softbody_ros.core.geometry.vectors import ZERO, Vector, plus, put_vector, vector_of
 
-SWEEPS, SLOW, MOST_SWEEPS = 4, 0.25, 200
-"""Gauss–Seidel sweeps go on as long as so many reduce the residual to this share, at most 200."""
+SWEEPS, ENOUGH_SWEEPS, MOST_SWEEPS = 4, 100, 200
+"""From how many sweeps the speed of convergence is found; how many more Newton's method costs,
+with what follows it: for as many as it seems to take to less than that, sweeps go on; and the most
+of them."""
 FIRST_SWEEPS, FEW_ACT = 2, 0.75
 """Sweeps over all contacts at first, before those over the contacts that act; and the share of
 these up to which others are left out."""
@@ -124,7 +126,7 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
         if are_few and not is_large and sweeps == SWEEPS:
             break
         if sweeps % SWEEPS == 1:
-            if residual > SLOW * before and not is_large:
+            if not is_large and sweeps_ahead(before, residual, tolerance) > ENOUGH_SWEEPS:
                 break
             before = residual
     if is_large:
@@ -167,6 +169,16 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
             put_vector(rows[k]['force'], vector_of(rows[k]['best']))
         sum_forces(problem)
     return residual, sweeps, newton + conjugate
+
+
+@helper
+def sweeps_ahead(before: float, residual: float, tolerance: float) -> float:
+    """Return how many more sweeps it takes if each SWEEPS do as much as the last ones."""
+    if before == math.inf:
+        return 0.0
+    if residual >= before:
+        return math.inf
+    return SWEEPS * math.log(residual / tolerance) / math.log(before / residual)
 
 
 @helper
