@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull
 from softbody_ros.core import make_surface
 from softbody_ros.core.body import BODY
 from softbody_ros.core.collision.broad_phase import CANDIDATE, discard_distant
+from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
 from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
@@ -59,6 +60,12 @@ def test_boxes_around_bodies_are_least_and_largest_values_and_a_margin(ahead):
         assert np.array_equal(high[place], own.max(axis=1) + margin[place])
 
 
+@kernel
+def discard(bodies, chosen, shapes, x, first_point, found, candidates):
+    """Discard as `discard_distant` does."""
+    return discard_distant(bodies, chosen, shapes, x, first_point, found, candidates)
+
+
 REACH, TOLERATED, PARTICLES = 0.03, 0.01, 3
 
 
@@ -91,9 +98,7 @@ def points_near_two_bodies(count):
 def test_no_point_near_the_hull_of_a_body_is_discarded_and_few_others_are_left():
     bodies, shapes, x, candidates, stretched = points_near_two_bodies(400)
     everything = candidates.copy()
-    found = discard_distant(
-        bodies, np.arange(2), shapes, x, PARTICLES, len(candidates), candidates
-    )
+    found = discard(bodies, np.arange(2), shapes, x, PARTICLES, len(candidates), candidates)
     left = candidates[:found]['particle']
     assert np.array_equal(left[:PARTICLES], np.arange(PARTICLES))  # particles stay
     assert np.array_equal(candidates[:found], everything[left])  # in order
@@ -113,7 +118,7 @@ def test_no_point_near_the_hull_of_a_body_is_discarded_and_few_others_are_left()
 def test_for_few_points_the_particles_of_a_body_are_not_read():
     bodies, shapes, x, candidates, _ = points_near_two_bodies(4)
     everything, x[:] = candidates.copy(), np.nan
-    assert discard_distant(
-        bodies, np.arange(2), shapes, x, PARTICLES, len(candidates), candidates
-    ) == len(everything)
+    assert discard(bodies, np.arange(2), shapes, x, PARTICLES, len(candidates), candidates) == len(
+        everything
+    )
     assert np.array_equal(candidates, everything)

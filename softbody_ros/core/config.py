@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import dataclasses
 from dataclasses import dataclass
 import difflib
-from functools import cache
+from functools import cache, cached_property
 import math
 import numbers
 import re
@@ -69,7 +69,7 @@ class Setting:
     read_only: bool = False
     items: type | None = None
 
-    @property
+    @cached_property
     def length(self) -> int | None:
         """Number of elements of a numeric vector, None for anything else."""
         is_vector = isinstance(self.default, tuple) and self.items is None
@@ -149,8 +149,9 @@ def checked(name: str, value: Any, facts: Setting) -> Any:
             )
         return value
     if isinstance(default, tuple):
-        is_list = isinstance(value, Sequence) and not isinstance(value, str)
-        is_list |= isinstance(value, np.ndarray) and value.ndim > 0
+        is_list = isinstance(value, (tuple, list))  # asked first: it is much faster
+        is_list = is_list or (isinstance(value, Sequence) and not isinstance(value, str))
+        is_list = is_list or (isinstance(value, np.ndarray) and value.ndim > 0)
         if facts.items is str:
             if not is_list or not all(isinstance(item, str) for item in value):
                 raise ConfigError(f'{name} is {shown(value)}: it must be a list of names')
@@ -274,11 +275,12 @@ class Checked:
 
     def _check(self, chosen: Sequence[tuple[str, str, Setting]]) -> None:
         """Check the values of some settings, and make them of the right type."""
+        prefix = self.prefix
         for field, dotted, facts in chosen:
             value = getattr(self, field)
             if isinstance(value, Surface):
                 continue
-            object.__setattr__(self, field, checked(self.prefix + dotted, value, facts))
+            object.__setattr__(self, field, checked(prefix + dotted, value, facts))
         for field, dotted, facts in chosen:
             if field.endswith(('direction', 'orientation')):
                 length = math.hypot(*getattr(self, field))

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +13,15 @@ import numpy as np
 from softbody_ros.core.collision import narrow_phase
 from softbody_ros.core.collision.body_contacts import find_body_contacts, find_candidates
 from softbody_ros.core.collision.collision_surface import CollisionSurfaces
+from softbody_ros.core.collision.fixed_points import FixedPoints
 from softbody_ros.core.collision.obstacle_contacts import CONTACT
 from softbody_ros.core.collision.obstacles import Obstacle
-from softbody_ros.core.collision.point_obstacles import FixedPoints, PointObstacles
+from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.contact import resolution
 from softbody_ros.core.contact.exchange import accept_exchange, accept_holding, add_up
 from softbody_ros.core.contact.members import MEMBER
-from softbody_ros.core.contact.rows import MEMORY, NO_MEMORY, POINT_SET, ROW
+from softbody_ros.core.contact.rows import MEMORY, NO_MEMORY, ROW
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.shape_matching import goal_flight, modal_flight, pins
 from softbody_ros.core.state import Body, State
@@ -62,37 +62,6 @@ class Environment:
     points: PointObstacles
     surfaces: CollisionSurfaces
 
-    @cached_property
-    def fixed_points(self) -> list[FixedPoints]:
-        """Immovable points: those received, and those along edges of obstacles."""
-        still = np.zeros(3)
-        last = len(self.obstacles)
-        sets = [(self.points, still, still, still, False, last)] if len(self.points) else []
-        for row, obstacle in enumerate(self.obstacles):
-            if obstacle.config.type != 'plane':
-                linear = np.array(obstacle.config.velocity_linear)
-                angular = np.array(obstacle.config.velocity_angular)
-                sets.append((obstacle.edge_points, obstacle.position, linear, angular, True, row))
-        return [
-            FixedPoints(each.points_along_x, each.radius, centre, linear, angular, is_edge, row)
-            for each, centre, linear, angular, is_edge, row in sets
-        ]
-
-    @cached_property
-    def point_sets(self) -> np.ndarray:
-        """The fixed points for kernels, (s,) POINT_SET."""
-        sets = np.zeros(len(self.fixed_points), POINT_SET)
-        for record, each in zip(sets, self.fixed_points, strict=True):
-            record['obstacle'], record['centre'] = each.obstacle, each.centre
-            record['linear'], record['angular'] = each.velocity, each.angular_velocity
-            record['friction'] = record['elasticity'] = -1.0
-            if each.is_edge:
-                obstacle = self.obstacles[each.obstacle]
-                config = obstacle.config
-                record['surface_velocity'] = obstacle.rotation @ config.surface_velocity
-                record['friction'], record['elasticity'] = config.friction, config.elasticity
-        return sets
-
 
 class SolverWork(NamedTuple):
     """What the solution of contacts has taken so far."""
@@ -123,6 +92,8 @@ class Integrator:
         self._rows, self._memory = np.zeros(64, ROW), np.zeros(64, MEMORY)
         self._places = np.full(state.x.shape[2], -1)
         self._flown = np.empty(state.x.shape[1:])
+        self._environment: Environment | None = None
+        self._point_table, self._fixed_points = FixedPoints(), (np.zeros((0, 3)),) * 2
         self.work = np.zeros(3, np.int64)
         self.update()
 
@@ -130,8 +101,9 @@ class Integrator:
         """Update what depends on the modes and pins of the bodies, after they change."""
         bodies = self._state.bodies
         self._to_goals = (bodies['pins'] > 0) | bodies['follows_goals']
-        # whether collisions between bodies, or self-collisions, are possible
-        self._any_pairs = len(bodies) > 1 or bool((bodies['regions'] > 1).any())
+        # whether self-collisions, and others between bodies, are possible
+        self._any_regions = bool((bodies['regions'] > 1).any())
+        self._any_pairs = len(bodies) > 1 or self._any_regions
 
     def take_tick(self, awake: np.ndarray, environment: Environment, h: float) -> None:
         """
@@ -204,7 +176,7 @@ class Integrator:
         """Find all contacts of bodies (m,); return these as MEMBERs, and the number of rows."""
         state, bodies, memory = self._state, self._state.bodies, self._state.contact_memory
         members = np.zeros(len(chosen), MEMBER)
-        others = self._any_pairs or bool(environment.fixed_points)
+        others = self._any_pairs or len(self._points_of(environment)[1]) > 0
         resolution.begin_members(
             bodies, chosen, state.shapes, state.x, state.v, self._flown, environment.records, h,
             others, len(memory) > 0, state.reaction, members,
@@ -249,6 +221,15 @@ class Integrator:
         order = np.argsort(self._memory['key'][:kept], kind='stable')
         return self._memory[order]
 
+    def _points_of(self, environment: Environment) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points that no force moves, and their sets, see `FixedPoints.refresh`."""
+        if environment is not self._environment:
+            self._environment = environment
+            self._fixed_points = self._point_table.refresh(
+                environment.points, environment.obstacles, environment.records
+            )
+        return self._fixed_points
+
     def _find_face_rows(
         self,
         chosen: np.ndarray,
@@ -257,16 +238,19 @@ class Integrator:
         members: np.ndarray,
         found: int,
     ) -> int:
-        state, fixed = self._state, environment.fixed_points
+        state, (points, sets) = self._state, self._points_of(environment)
         # bodies are thicker meanwhile: what is within their margins may touch in this tick
         thickness = state.bodies['thickness']
         own, contacts = thickness[chosen], NO_CONTACTS
         thickness[chosen] += members['margin']
         try:
-            candidates = find_candidates(state, chosen, environment.surfaces, fixed)
+            candidates = find_candidates(
+                state, chosen, environment.surfaces, points, sets, self._any_regions
+            )  # fmt: skip
             if candidates is not None:
-                numbers = np.arange(len(chosen) + len(fixed))
-                first = np.append(state.bodies['first'][chosen], state.x.shape[2])
+                numbers = np.arange(len(chosen) + len(sets))
+                first = np.empty(len(chosen) + 1, np.int64)
+                first[:-1], first[-1] = state.bodies['first'][chosen], state.x.shape[2]
                 contacts = find_body_contacts(
                     state, chosen, environment.surfaces, candidates, numbers, first
                 )
@@ -277,7 +261,7 @@ class Integrator:
             rows[:found] = self._rows[:found]
             self._rows = rows
         return resolution.find_face_rows(
-            state.bodies, contacts, environment.point_sets, state.shapes, state.weights, state.x,
+            state.bodies, contacts, sets, state.shapes, state.weights, state.x,
             state.v, self._flown, h, state.contact_memory, members, self._rows, found,
             state.is_pinned,
         )  # fmt: skip

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,23 +12,25 @@ from softbody_ros.core.collision.broad_phase import (
     CANDIDATE,
     SLACK,
     bound_pieces,
-    discard_distant,
     find_particles,
     find_points,
 )
 from softbody_ros.core.collision.collision_surface import CollisionSurfaces
-from softbody_ros.core.collision.narrow_phase import CONTACT, EDGE_ALLOWANCE, find_contacts
+from softbody_ros.core.collision.narrow_phase import CONTACT, find_contacts
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping_codes
 
 CANDIDATES = 1024
 """Initial capacity; it grows on demand."""
+NO_PAIRS = np.zeros(0, np.int64)
 
 
 def find_candidates(
     state: Any,
     chosen: np.ndarray,
     surfaces: CollisionSurfaces,
-    fixed: Sequence[Any],
+    points: np.ndarray,
+    sets: np.ndarray,
+    any_regions: bool,
 ) -> np.ndarray | None:
     """
     Return particles and points that may be near faces of bodies, (q,) CANDIDATE; None if none.
@@ -40,48 +41,44 @@ def find_candidates(
         with positions after the flight
     chosen : (c,) int
     surfaces : CollisionSurfaces
-    fixed : sequence of FixedPoints
+    points, sets : (k, 3) float, (s,) POINT_SET
+        points that no force moves, see `broad_phase.find_points`
+    any_regions : bool
+        whether there are bodies with regions, which may touch themselves
 
     """
-    bodies, shapes, count = state.bodies, state.shapes, len(chosen)
-    pieced = bodies['regions'][chosen] > 1
-    if count < 2 and not fixed and not pieced.any():
+    bodies, count = state.bodies, len(chosen)
+    if count < 2 and not len(sets) and not any_regions:
         return None
-    margin = bodies['thickness'][chosen] + SLACK * shapes['scale'][bodies['shape'][chosen]]
-    low, high = np.empty((count, 3)), np.empty((count, 3))
+    margin = bodies['thickness'][chosen] + SLACK * state.scales[chosen]
+    low, high, codes = np.empty((count, 3)), np.empty((count, 3)), NO_PAIRS
     bound_bodies(bodies, chosen, state.x, 1, margin, low, high)
-    codes = overlapping_codes(low, high)
-    if pieced.any():
-        self_pairs = np.flatnonzero(pieced) * (count + 1)
+    if count > 1:
+        codes = overlapping_codes(low, high)
+    if any_regions:
+        self_pairs = np.flatnonzero(bodies['regions'][chosen] > 1) * (count + 1)
         codes = np.sort(np.concatenate([codes, self_pairs]))
-    if not len(codes) and not fixed:
+    if not len(codes) and not len(sets):
         return None
     arrays = surfaces.arrays
-    boxes = int(arrays.surfaces['pieces'][bodies['shape'][chosen]].sum())
-    first = np.empty(count + 1, np.int64)
-    piece_low, piece_high = np.empty((boxes, 3)), np.empty((boxes, 3))
-    bound_pieces(
+    boxes = bound_pieces(
         bodies, chosen, arrays.surfaces, arrays.pieces, arrays.covered, state.x, margin, low, high,
-        first, piece_low, piece_high,
     )  # fmt: skip
-    candidates = surfaces.buffer(CANDIDATE, CANDIDATES)
+    candidates, found = surfaces.buffer(CANDIDATE, CANDIDATES), 0
     while True:
-        found = find_particles(
-            bodies, chosen, arrays.surfaces, arrays.pieces, arrays.particles, arrays.may_collide,
-            state.x, codes, low, high, first, piece_low, piece_high, candidates,
-        )  # fmt: skip
-        first_point = found
-        for number, each in enumerate(fixed, count):
+        if len(codes):
+            found = find_particles(
+                bodies, chosen, arrays.surfaces, arrays.pieces, arrays.particles,
+                arrays.may_collide, state.x, codes, low, high, *boxes, candidates,
+            )  # fmt: skip
+        if len(sets):
             found = find_points(
-                each.points, each.radius, EDGE_ALLOWANCE if each.is_edge else 0.0, number, low,
-                high, first, piece_low, piece_high, found, candidates,
+                bodies, chosen, state.shapes, state.x, points, sets, low, high, *boxes, found,
+                candidates,
             )  # fmt: skip
         if found <= len(candidates):
-            break
-        candidates = surfaces.buffer(CANDIDATE, found)
-    if first_point < found:
-        found = discard_distant(bodies, chosen, shapes, state.x, first_point, found, candidates)
-    return candidates[:found] if found else None
+            return candidates[:found] if found else None
+        candidates, found = surfaces.buffer(CANDIDATE, found), 0
 
 
 def find_body_contacts(

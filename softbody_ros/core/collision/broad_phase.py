@@ -70,12 +70,9 @@ def bound_pieces(
     margin: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    first: np.ndarray,
-    piece_low: np.ndarray,
-    piece_high: np.ndarray,
-) -> None:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Write the bounding boxes of the pieces of bodies.
+    Return the bounding boxes of the pieces of bodies.
 
     Parameters
     ----------
@@ -90,18 +87,25 @@ def bound_pieces(
         m
     low, high : (A, 3) float
         bounding boxes of the bodies, m, used for bodies of one piece
+
+    Returns
+    -------
     first : (A + 1,) int
-        written: index of the first box of each body
+        index of the first box of each body
     piece_low, piece_high : (Q, 3) float
-        written: corners, m
+        corners, m
 
     """
-    box = 0
+    first, box = np.empty(len(awake) + 1, np.int64), 0
+    for place in range(len(awake)):
+        first[place] = box
+        box += surfaces[bodies[awake[place]]['shape']]['pieces']
+    first[len(awake)] = box
+    piece_low, piece_high, box = np.empty((box, 3)), np.empty((box, 3)), 0
     for place in range(len(awake)):
         body = bodies[awake[place]]
         surface = surfaces[body['shape']]
         half, begin = 1 - body['now'], body['first']
-        first[place] = box
         for number in range(surface['pieces']):
             piece = pieces[surface['first_piece'] + number]
             for axis in range(3):
@@ -117,7 +121,7 @@ def bound_pieces(
                     least, largest = least - margin[place], largest + margin[place]
                 piece_low[box, axis], piece_high[box, axis] = least, largest
             box += 1
-    first[len(awake)] = box
+    return first, piece_low, piece_high
 
 
 @kernel
@@ -211,10 +215,12 @@ piece_high
 
 @kernel
 def find_points(
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    shapes: np.ndarray,
+    x: np.ndarray,
     points: np.ndarray,
-    radius: float,
-    allowance: float,
-    number: int,
+    sets: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
     first: np.ndarray,
@@ -224,31 +230,59 @@ def find_points(
     candidates: np.ndarray,
 ) -> int:
     """
-    Append the points of a set in boxes of pieces of bodies to `found` candidates.
+    Append points in boxes of pieces of bodies to `found` candidates, without distant ones.
 
     Parameters
     ----------
+    shapes : (R,) SHAPE
     points : (k, 3) float
-        sorted along x, m
-    radius : float
-        of spheres about them, m
-    allowance : float
-        see CANDIDATE
-    number : int
-        of the set among bodies and sets
-    low, high, first, piece_low, piece_high, candidates
+        of all sets, of each sorted along x, m
+    sets : (s,) POINT_SET
+    bodies, awake, x, low, high, first, piece_low, piece_high, candidates
         see `find_particles`
 
+    Returns
+    -------
+    int
+        number of candidates, even beyond the capacity
+
     """
+    first_point = found
+    for number in range(len(sets)):
+        found = append_points(
+            points, sets[number], len(awake) + number, low, high, first, piece_low, piece_high,
+            found, candidates,
+        )  # fmt: skip
+    if first_point < found <= len(candidates):
+        return discard_distant(bodies, awake, shapes, x, first_point, found, candidates)
+    return found
+
+
+@helper
+def append_points(
+    points: np.ndarray,
+    point_set: np.void,
+    number: int,
+    low: np.ndarray,
+    high: np.ndarray,
+    first: np.ndarray,
+    piece_low: np.ndarray,
+    piece_high: np.ndarray,
+    found: int,
+    candidates: np.ndarray,
+) -> int:
+    """Append the points of a set, with a number among bodies and sets, in boxes of pieces."""
+    begin, radius = point_set['first'], point_set['radius']
+    end, allowance = begin + point_set['count'], point_set['allowance']
     for other in range(len(low)):
-        start, stop = 0, len(points)
+        start, stop = begin, end
         while start < stop:
             middle = (start + stop) // 2
             if points[middle, 0] > low[other, 0] - radius:
                 stop = middle
             else:
                 start = middle + 1
-        for i in range(start, len(points)):
+        for i in range(start, end):
             point = (points[i, 0], points[i, 1], points[i, 2])
             if not point[0] < high[other, 0] + radius:
                 break
@@ -259,7 +293,7 @@ def find_points(
                     continue
                 if found < len(candidates):
                     candidate = candidates[found]
-                    candidate['body'], candidate['particle'] = number, i
+                    candidate['body'], candidate['particle'] = number, i - begin
                     candidate['other'], candidate['piece'] = other, box - first[other]
                     for axis in range(3):
                         candidate['point'][axis] = point[axis]
@@ -268,7 +302,7 @@ def find_points(
     return found
 
 
-@kernel
+@helper
 def discard_distant(
     bodies: np.ndarray,
     awake: np.ndarray,

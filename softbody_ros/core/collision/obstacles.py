@@ -15,7 +15,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core.body import identity
-from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.collision.shapes import (
     BOX,
     CAPSULE,
@@ -159,11 +158,14 @@ class Obstacle:
         _distances(records, trees, points, distance, normal)
         return distance, normal
 
-    @cached_property
-    def edge_points(self) -> PointObstacles:
-        """Points on corners and edges, which could pass between the particles of a body."""
-        local, radius = self.shape.edge_points
-        return PointObstacles(self.position + local @ self.rotation.T, radius)
+    @property
+    def edge_points(self) -> tuple[np.ndarray, float]:
+        """
+        Points (k, 3) on corners and edges, in its own frame, and the radius of balls there, m.
+
+        They could pass between the particles of a body.
+        """
+        return self.shape.edge_points
 
     @property
     def triangles(self) -> np.ndarray:
@@ -216,9 +218,10 @@ def _rotation_by(orientation: tuple[float, ...]) -> np.ndarray:
 
 def is_same(one: Obstacle, other: Obstacle) -> bool:
     """Return whether shape, pose and velocity of two obstacles are equal."""
+    # bit by bit, as that is much faster; asked first is what mostly differs
     return (
-        np.array_equal(one.position, other.position)  # asked first, as it mostly differs
-        and np.array_equal(one.rotation, other.rotation)
+        one.position.tobytes() == other.position.tobytes()
+        and one.rotation.tobytes() == other.rotation.tobytes()
         and one.config == other.config
     )
 

@@ -57,35 +57,6 @@ class PointObstacles:
         return self.points[np.argsort(self.points[:, 0], kind='stable')]
 
 
-@dataclass(frozen=True)
-class FixedPoints:
-    """
-    Immovable points: point obstacles, or edge points of an obstacle.
-
-    Attributes
-    ----------
-    points : (k, 3) float
-        sorted along x, m
-    radius : float
-        of balls about them, m
-    centre, velocity, angular_velocity : (3,) float
-        m; m/s of the centre; rad/s
-    is_edge : bool
-        whether they are edge points of an obstacle, whose surface supports the weight
-    obstacle : int
-        row of the impulses on them, see `exchange`
-
-    """
-
-    points: np.ndarray
-    radius: float
-    centre: np.ndarray
-    velocity: np.ndarray
-    angular_velocity: np.ndarray
-    is_edge: bool
-    obstacle: int
-
-
 @kernel
 def find_touched(
     points: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray, result: np.ndarray

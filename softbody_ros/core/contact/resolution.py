@@ -29,6 +29,7 @@ from softbody_ros.core.collision.obstacle_contacts import (
     find_contacts,
     may_touch,
 )
+from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.collision.shapes import MESH, PLANE
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.contact.energy import (
@@ -218,8 +219,11 @@ def begin_members(
         rate = applied(matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum']))
         turning = norm(rate) + norm(vector_of(member['carried']))
         member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
+        near, speed = find_near_obstacles(body, member, obstacles, x)
+        # they may push it as far into others
+        member['margin'] += h * speed
         member['nearby'] = member['widest'] = member['margin']
-        if member['is_soft'] and (others or nears_any(body, member, obstacles, x)):
+        if member['is_soft'] and (others or near):
             distance, coasting = put_start_shape(body, x[now], v[now], x[1 - now], flown, h)
             member['starts'], member['widest'] = True, member['nearby'] + distance
             # a contact acts up to so far from where it would be with the velocities
@@ -350,14 +354,18 @@ def is_fixed(member: np.void) -> bool:
 
 
 @helper
-def nears_any(body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarray) -> bool:
-    """Return whether a deformable body may touch an obstacle in this tick."""
+def find_near_obstacles(
+    body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarray
+) -> tuple[bool, float]:
+    """Return whether a body may touch obstacles in this tick, and how fast these are, m/s."""
     x0, x1 = x[body['now']], x[1 - body['now']]
     low, high = bounds_of(x1, body['first'], body['surface'])
     low_before, high_before = bounds_of(x0, body['first'], body['surface'])
-    reach = body['thickness'] + member['margin'] + MARGIN * member['scale']
+    reach, found, speed = body['thickness'] + member['margin'], False, 0.0
+    reach += MARGIN * member['scale']
     for which in range(len(obstacles)):
         obstacle = obstacles[which]
+        near = False
         if obstacle['kind'] == PLANE:
             rotation = matrix_of(obstacle['rotation'])
             normal = (rotation[0][2], rotation[1][2], rotation[2][2])
@@ -366,11 +374,13 @@ def nears_any(body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarr
                 one = min(low[axis], low_before[axis]) * normal[axis]
                 two = max(high[axis], high_before[axis]) * normal[axis]
                 nearest += min(one, two)
-            if nearest <= reach:
-                return True
-        elif may_touch(obstacle, low, high, low_before, high_before, reach):
-            return True
-    return False
+            near = nearest <= reach
+        else:
+            near = may_touch(obstacle, low, high, low_before, high_before, reach)
+        if near:
+            found = True
+            speed = max(speed, norm(velocity_at(obstacle, vector_of(member['centre']))))
+    return found, speed
 
 
 @kernel
@@ -530,7 +540,7 @@ def resolve(
 
     """
     count, status = len(members), np.empty(len(rows), np.int64)
-    left = find_working_set(members, rows, status)
+    left = find_working_set(members, rows, obstacles, status)
     island, own = np.empty(count, np.int64), np.empty(SPARE * left, rows.dtype)
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)

@@ -496,22 +496,6 @@ def recall(row: np.void, memory: np.ndarray) -> None:
         row['tolerated'], row['gap_before'] = memory[low]['tolerated'], memory[low]['gap']
 
 
-POINT_SET = np.dtype(
-    [
-        ('obstacle', np.int64),  # that the points belong to, or −1
-        ('centre', np.float64, (3,)),  # m
-        ('linear', np.float64, (3,)),  # velocity of the centre, m/s
-        ('angular', np.float64, (3,)),  # rad/s
-        # of the obstacle that they belong to
-        ('surface_velocity', np.float64, (3,)),  # in axes of the world, m/s
-        ('friction', np.float64),  # negative: that of the body
-        ('elasticity', np.float64),
-    ],
-    align=True,
-)
-"""Points that no force moves: of a cloud, or on the edges of an obstacle."""
-
-
 @helper
 def put_face_row(
     row: np.void,

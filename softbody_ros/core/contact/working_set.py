@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softbody_ros.core.body import QUADRATIC_FEATURES
+from softbody_ros.core.collision.shapes import MESH
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.members import put_fit_of_features, put_particle
 from softbody_ros.core.contact.rows import copy_record, end_normal, share_of, side_of
@@ -71,7 +72,9 @@ def is_calm(row: np.void, member: np.void) -> bool:
 
 
 @helper
-def find_working_set(members: np.ndarray, rows: np.ndarray, status: np.ndarray) -> int:
+def find_working_set(
+    members: np.ndarray, rows: np.ndarray, obstacles: np.ndarray, status: np.ndarray
+) -> int:
     """
     Choose the contacts that may act, and return their number.
 
@@ -89,6 +92,7 @@ def find_working_set(members: np.ndarray, rows: np.ndarray, status: np.ndarray) 
     Parameters
     ----------
     members, rows : (m,) MEMBER, (k,) ROW
+    obstacles : (O,) OBSTACLE
     status : (k,) int
         written: ABSENT, WAITING or WORKING
 
@@ -121,10 +125,21 @@ def find_working_set(members: np.ndarray, rows: np.ndarray, status: np.ndarray) 
             continue
         count += 1
         is_closed = (row['coasting'] if steady else row['gap']) <= 0.0
-        # viscous friction is that of all of a patch
-        if deformable and row['is_new'] and row['viscosity'] < 0.0 and not is_closed:
+        if deformable and row['is_new'] and not is_closed and may_wait(row, obstacles):
             status[k] = WAITING
     return count
+
+
+@helper
+def may_wait(row: np.void, obstacles: np.ndarray) -> bool:
+    """
+    Return whether a contact needs no part as long as its own gap is open.
+
+    Viscous friction is that of all of a patch; and of a mesh, particles may meet another side.
+    """
+    which = row['obstacle']
+    is_mesh = 0 <= which < len(obstacles) and obstacles[which]['kind'] == MESH
+    return row['viscosity'] < 0.0 and not is_mesh
 
 
 @helper

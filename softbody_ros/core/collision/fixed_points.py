@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Points that no force moves: of a cloud, and along the edges of obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import operator
+
+import numpy as np
+
+from softbody_ros.core.collision.narrow_phase import EDGE_ALLOWANCE
+from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.collision.point_obstacles import PointObstacles
+from softbody_ros.core.collision.shapes import PLANE
+from softbody_ros.core.compiled import kernel
+from softbody_ros.core.geometry.bounding_boxes import sort_indices
+from softbody_ros.core.geometry.vectors import applied, matrix_of, plus, put_vector, vector_of
+
+POINT_SET = np.dtype(
+    [
+        ('first', np.int64),  # of its points among those of all sets
+        ('count', np.int64),
+        ('radius', np.float64),  # of spheres about them, m
+        ('allowance', np.float64),  # see `broad_phase.CANDIDATE`
+        ('obstacle', np.int64),  # that the points belong to; of a cloud the number of obstacles
+        ('centre', np.float64, (3,)),  # m
+        ('linear', np.float64, (3,)),  # velocity of the centre, m/s
+        ('angular', np.float64, (3,)),  # rad/s
+        # of the obstacle that they belong to
+        ('surface_velocity', np.float64, (3,)),  # in axes of the world, m/s
+        ('friction', np.float64),  # negative: that of the body
+        ('elasticity', np.float64),
+    ],
+    align=True,
+)
+"""Points of a cloud, or on the edges of an obstacle."""
+
+
+class FixedPoints:
+    """All such points of a world, updated incrementally from tick to tick."""
+
+    def __init__(self) -> None:
+        self._parts: tuple[object, ...] = ()
+        self._local = self._points = np.zeros((0, 3))
+        self._sets = np.zeros(0, POINT_SET)
+
+    def refresh(
+        self, cloud: PointObstacles, obstacles: Sequence[Obstacle], records: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the points, of each set sorted along x, and the sets, valid until the next call.
+
+        Parameters
+        ----------
+        cloud : PointObstacles
+        obstacles : sequence of Obstacle
+        records : (O,) OBSTACLE
+
+        Returns
+        -------
+        points : (k, 3) float
+            m
+        sets : (s,) POINT_SET
+            of the cloud, if it has points, then of the obstacles with edges
+
+        """
+        parts = (cloud, *(each.shape for each in obstacles))
+        if len(parts) != len(self._parts) or not all(map(operator.is_, parts, self._parts)):
+            self._parts = parts
+            self._gather(cloud, obstacles)
+        place_edges(records, self._local, self._sets, self._points)
+        return self._points, self._sets
+
+    def _gather(self, cloud: PointObstacles, obstacles: Sequence[Obstacle]) -> None:
+        """Gather the points of all, edges in the frames of their obstacles."""
+        numbers = [row for row, each in enumerate(obstacles) if each.shape.kind != PLANE]
+        edges = [obstacles[row].edge_points for row in numbers]
+        points = [cloud.points_along_x, *(local for local, _ in edges)]
+        sets = np.zeros(len(points), POINT_SET)
+        sets['count'] = [len(each) for each in points]
+        sets['first'] = np.cumsum(sets['count']) - sets['count']
+        sets['radius'] = [cloud.radius, *(radius for _, radius in edges)]
+        sets['obstacle'] = [len(obstacles), *numbers]
+        sets['allowance'][1:] = EDGE_ALLOWANCE
+        sets['friction'] = sets['elasticity'] = -1.0
+        self._local, self._sets = np.concatenate(points), sets[0 if len(cloud) else 1 :]
+        self._points = self._local.copy()
+
+
+@kernel
+def place_edges(
+    obstacles: np.ndarray, local: np.ndarray, sets: np.ndarray, points: np.ndarray
+) -> None:
+    """
+    Write the points (k, 3) of sets of obstacles from those in the frames of these.
+
+    Parameters
+    ----------
+    obstacles : (O,) OBSTACLE
+    local, points : (k, 3) float
+        m
+    sets : (s,) POINT_SET
+        what moves with the obstacles is written
+
+    """
+    for number in range(len(sets)):
+        point_set = sets[number]
+        if point_set['obstacle'] == len(obstacles):
+            continue
+        record, first = obstacles[point_set['obstacle']], point_set['first']
+        position, rotation = vector_of(record['position']), matrix_of(record['rotation'])
+        put_vector(point_set['centre'], position)
+        put_vector(point_set['linear'], vector_of(record['linear']))
+        put_vector(point_set['angular'], vector_of(record['angular']))
+        surface_velocity = applied(rotation, vector_of(record['surface_velocity']))
+        put_vector(point_set['surface_velocity'], surface_velocity)
+        point_set['friction'] = record['friction']
+        point_set['elasticity'] = record['elasticity']
+        count = point_set['count']
+        placed, along_x = np.empty((count, 3)), np.empty(count)
+        order = np.empty(count, np.int64)
+        for k in range(count):
+            here = (local[first + k, 0], local[first + k, 1], local[first + k, 2])
+            put_vector(placed[k], plus(position, applied(rotation, here)))
+            along_x[k] = placed[k, 0]
+        sort_indices(along_x, order)
+        for k in range(count):
+            for axis in range(3):
+                points[first + k, axis] = placed[order[k], axis]
