@@ -20,10 +20,10 @@ def test_a_ball_that_plates_squeeze_fast_bulges_into_no_wall(mode, h, gap):
     )  # fmt: skip
     boxes = [
         ObstacleConfig(
-            name=name, type='box', size=(0.2, 0.2, HALF), position=(0.0, 0.0, side * (SIZE + HALF)),
-            velocity_linear=(0.0, 0.0, -side * SPEED),
+            name=name, type='box', size=(0.2, 0.2, HALF), position=(0.0, 0.0, s * (SIZE + HALF)),
+            velocity_linear=(0.0, 0.0, -s * SPEED),
         )
-        for name, side in (('top', 1), ('bottom', -1))
+        for name, s in (('top', 1), ('bottom', -1))
     ] + [
         ObstacleConfig(
             name=name, type='box', size=(HALF, 0.2, 0.2),
