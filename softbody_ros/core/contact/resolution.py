@@ -746,7 +746,7 @@ def resolve_island(
         error, overlap = linearise(members, particles, problem)
         shrinks = overlap <= max(0.5 * last, linearised)
         has_room = last == math.inf or joins or shrinks or residual > tolerance
-        if error <= linearised or not has_room:
+        if (error <= linearised and not joins) or not has_room:
             break
         last = overlap
         if joins and selections > 0:

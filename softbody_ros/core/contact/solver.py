@@ -47,10 +47,10 @@ from softbody_ros.core.contact.problem import (
 )
 from softbody_ros.core.geometry.vectors import ZERO, Vector, plus, put_vector, vector_of
 
-SWEEPS, ENOUGH_SWEEPS, MOST_SWEEPS = 4, 100, 200
-"""From how many sweeps the speed of convergence is found; how many more Newton's method costs,
-with what follows it: for as many as it seems to take to less than that, sweeps go on; and the most
-of them."""
+SWEEPS, ENOUGH_SWEEPS, MOST_SWEEPS = 4, 20, 200
+"""From how many sweeps the speed of convergence is found; and how many more sweeps cost what
+Newton's method does for one body, with all that follows it (of more bodies by the square of their
+number): if it seems to take no more, they go on. And the most of them."""
 FIRST_SWEEPS, FEW_ACT = 2, 0.75
 """Sweeps over all contacts at first, before those over the contacts that act; and the share of
 these up to which others are left out."""
@@ -103,7 +103,7 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
     is_viscous = distribute_viscous_friction(problem)
     sum_forces(problem)
     is_large = len(problem.counts) > len(problem.filled)
-    limit = MOST_SWEEPS
+    limit, enough = MOST_SWEEPS, ENOUGH_SWEEPS * len(problem.counts) ** 2
     if is_large:
         limit = LARGE_SWEEPS_FEW if are_few else LARGE_SWEEPS
     residual, before, sweeps = math.inf, math.inf, 0
@@ -126,7 +126,7 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
         if are_few and not is_large and sweeps == SWEEPS:
             break
         if sweeps % SWEEPS == 1:
-            if not is_large and sweeps_ahead(before, residual, tolerance) > ENOUGH_SWEEPS:
+            if not is_large and sweeps_ahead(before, residual, tolerance) > enough:
                 break
             before = residual
     if is_large:
