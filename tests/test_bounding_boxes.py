@@ -78,13 +78,13 @@ def points_near_two_bodies(count):
     stretched = maps[0] @ ball, maps[1] @ box + 3.0
     bodies, shapes = np.zeros(2, BODY), np.zeros(1, SHAPE)
     bodies['surface'] = bodies['count'] = [each.shape[1] for each in stretched]
-    bodies['first'], bodies['thickness'] = (0, stretched[0].shape[1]), REACH / 2
+    bodies['first'], bodies['reach'] = (0, stretched[0].shape[1]), REACH / 2
     shapes['scale'] = 2.0
     x = np.zeros((2, 3, bodies['count'].sum()))
     x[1] = np.concatenate(stretched, axis=1)
     candidates = np.zeros(PARTICLES + 2 * count, CANDIDATE)
     candidates['other'][PARTICLES + count :] = 1
-    candidates['thickness'], candidates['particle'] = REACH / 2, np.arange(len(candidates))
+    candidates['reach'], candidates['particle'] = REACH / 2, np.arange(len(candidates))
     candidates['allowance'][::2] = TOLERATED / 2.0
     for each, points in zip(
         (candidates[PARTICLES:][:count], candidates[PARTICLES:][count:]), stretched, strict=True

@@ -408,7 +408,8 @@ def test_the_gripper_of_another_process_lifts_the_ball_and_its_links_feel_it(gra
     for grip in (0.0495, 0.048, 0.0465):
         # by so much at once it is symmetric; by more, friction may end in more ways than one
         robot.send(grip=grip, hoist=0.0)
-        graph.spin_until(lambda grip=grip: at(sim, 'left_finger', 0) == pytest.approx(-0.01 - grip))
+        inside = pytest.approx(-0.01 - grip)
+        graph.spin_until(lambda inside=inside: at(sim, 'left_finger', 0) == inside)
     # it may be asleep before it is squeezed, too
     graph.spin_until(lambda: all(each and abs(each[-1].wrench.force.x) > 5.0
                                  for each in felt.values()))  # fmt: skip

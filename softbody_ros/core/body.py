@@ -83,6 +83,7 @@ BODY = np.dtype(
         ('flattened', np.float64, (2,)),
         ('flowed', np.bool_),  # whether some is new in the tick being computed
         # results of the tick
+        ('reach', np.float64),  # within which of it there may be contacts, m
         ('degeneracy', np.float64),  # 0 … 1, see shape_matching/matching.py
         # of mass; of its pins, if it has some: then all this is of motion that they allow
         ('centre', np.float64, (3,)),  # m

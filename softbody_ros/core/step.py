@@ -10,25 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softbody_ros.core.collision import narrow_phase
-from softbody_ros.core.collision.body_contacts import find_body_contacts, find_candidates
-from softbody_ros.core.collision.collision_surface import CollisionSurfaces
-from softbody_ros.core.collision.fixed_points import FixedPoints
-from softbody_ros.core.collision.obstacle_contacts import CONTACT
+from softbody_ros.core.collision.collision_surface import NO_SURFACES, CollisionSurfaces
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact import resolution
+from softbody_ros.core.contact.detection import find_rows
 from softbody_ros.core.contact.exchange import accept_exchange, accept_holding, add_up
-from softbody_ros.core.contact.members import MEMBER
-from softbody_ros.core.contact.rows import MEMORY, NO_MEMORY, ROW
+from softbody_ros.core.contact.resolution import resolve
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.shape_matching import goal_flight, modal_flight, pins
 from softbody_ros.core.state import Body, State
-
-CONTACTS_PER_PARTICLE = 3
-"""Capacity for contacts of a rigid body, per particle."""
-NO_CONTACTS = np.zeros(0, narrow_phase.CONTACT)
 
 
 class SimulationError(ArithmeticError):
@@ -49,7 +40,9 @@ class Environment:
     records : (O,) OBSTACLE
     trees : Trees
         the obstacles for kernels
-    points : PointObstacles
+    cloud : PointObstacles
+    points, sets : (k, 3) float, (s,) POINT_SET
+        those of the cloud and on edges of obstacles, see `FixedPoints`
     surfaces : CollisionSurfaces
         of all rest shapes
 
@@ -59,7 +52,9 @@ class Environment:
     obstacles: Sequence[Obstacle]
     records: np.ndarray
     trees: Trees
-    points: PointObstacles
+    cloud: PointObstacles
+    points: np.ndarray
+    sets: np.ndarray
     surfaces: CollisionSurfaces
 
 
@@ -87,13 +82,9 @@ class Integrator:
 
     def __init__(self, state: State, bodies: Sequence[Body]) -> None:
         self._state, self._bodies = state, bodies
-        most = int(state.bodies['count'].max(initial=0))
-        self._contacts = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT)
-        self._rows, self._memory = np.zeros(64, ROW), np.zeros(64, MEMORY)
         self._places = np.full(state.x.shape[2], -1)
         self._flown = np.empty(state.x.shape[1:])
-        self._environment: Environment | None = None
-        self._point_table, self._fixed_points = FixedPoints(), (np.zeros((0, 3)),) * 2
+        self._capacity = np.array([64, 256])
         self.work = np.zeros(3, np.int64)
         self.update()
 
@@ -101,9 +92,8 @@ class Integrator:
         """Update what depends on the modes and pins of the bodies, after they change."""
         bodies = self._state.bodies
         self._to_goals = (bodies['pins'] > 0) | bodies['follows_goals']
-        # whether self-collisions, and others between bodies, are possible
-        self._any_regions = bool((bodies['regions'] > 1).any())
-        self._any_pairs = len(bodies) > 1 or self._any_regions
+        # whether collisions between bodies, or of one with itself, are possible
+        self._any_pairs = len(bodies) > 1 or bool((bodies['regions'] > 1).any())
 
     def take_tick(self, awake: np.ndarray, environment: Environment, h: float) -> None:
         """
@@ -130,7 +120,8 @@ class Integrator:
         if len(held):
             pins.follow_obstacles(*pinned, state.x, h)
         self.fly(awake, environment.gravity, h)
-        memory = self.resolve_contacts(awake, environment, h)
+        members, rows = self.find_rows(awake, environment, h)
+        memory = self.resolve_rows(members, rows, environment, h)
         if len(held):
             pins.hold(*pinned, state.x, state.v, h)
         accept(
@@ -163,107 +154,29 @@ class Integrator:
         body = self._bodies[failed - 1].config.name
         raise SimulationError('a position or velocity is not finite any more', body)
 
-    def resolve_contacts(
-        self, chosen: np.ndarray, environment: Environment, h: float
-    ) -> np.ndarray:
-        """Resolve all contacts of bodies (m,), and return the forces to remember."""
-        members, found = self.find_rows(chosen, environment, h)
-        return self.resolve_rows(members, found, environment, h)
-
     def find_rows(
         self, chosen: np.ndarray, environment: Environment, h: float
-    ) -> tuple[np.ndarray, int]:
-        """Find all contacts of bodies (m,); return these as MEMBERs, and the number of rows."""
-        state, bodies, memory = self._state, self._state.bodies, self._state.contact_memory
-        members = np.zeros(len(chosen), MEMBER)
-        others = self._any_pairs or len(self._points_of(environment)[1]) > 0
-        resolution.begin_members(
-            bodies, chosen, state.shapes, state.x, state.v, self._flown, environment.records, h,
-            others, len(memory) > 0, state.reaction, members,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Find all contacts of bodies (m,); return these as MEMBERs, and the rows (k,) ROW."""
+        state, sets = self._state, environment.sets
+        others = self._any_pairs or len(sets) > 0
+        return find_rows(
+            state.bodies, chosen, state.shapes, state.weights, state.q, state.x, state.v,
+            self._flown, state.match_centre, state.match_posture, environment.records,
+            environment.trees, environment.surfaces.arrays if others else NO_SURFACES,
+            environment.points, sets, h, others, state.contact_memory, state.reaction,
+            state.is_pinned, self._capacity,
         )  # fmt: skip
-        # at most three times: then all have their widest margins
-        for at_once in (False, True, True):
-            found = self._find_obstacle_rows(environment, h, members)
-            if others:
-                found = self._find_face_rows(chosen, environment, h, members, found)
-            rows = self._rows[:found]
-            if not resolution.confirm_steady(bodies, members, rows, memory, at_once):
-                break
-        return members, found
-
-    def _find_obstacle_rows(self, environment: Environment, h: float, members: np.ndarray) -> int:
-        state, bodies, memory = self._state, self._state.bodies, self._state.contact_memory
-        while True:
-            found = resolution.find_obstacle_rows(
-                bodies, state.shapes, state.weights, state.x, state.v, self._flown,
-                environment.records, environment.trees, h, memory, members, self._contacts,
-                self._rows, state.is_pinned,
-            )  # fmt: skip
-            if found <= len(self._rows):
-                return found
-            self._rows = np.zeros(2 * found, ROW)
 
     def resolve_rows(
-        self, members: np.ndarray, found: int, environment: Environment, h: float
+        self, members: np.ndarray, rows: np.ndarray, environment: Environment, h: float
     ) -> np.ndarray:
-        """Resolve the contacts (found,) of MEMBERs, and return the forces to remember."""
-        state, bodies = self._state, self._state.bodies
-        if len(self._memory) < found:
-            self._memory = np.zeros(len(self._rows), MEMORY)
-        kept = resolution.resolve(
-            bodies, state.shapes, state.weights, state.q, state.x, state.v, self._flown,
-            environment.records, environment.trees, h, members, self._rows[:found], self._places,
-            state.contact_memory, self._memory, state.obstacle_impulse, state.normal_impulse,
-            self.work, state.is_pinned,
-        )  # fmt: skip
-        if kept == 0:
-            return NO_MEMORY
-        order = np.argsort(self._memory['key'][:kept], kind='stable')
-        return self._memory[order]
-
-    def _points_of(self, environment: Environment) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points that no force moves, and their sets, see `FixedPoints.refresh`."""
-        if environment is not self._environment:
-            self._environment = environment
-            self._fixed_points = self._point_table.refresh(
-                environment.points, environment.obstacles, environment.records
-            )
-        return self._fixed_points
-
-    def _find_face_rows(
-        self,
-        chosen: np.ndarray,
-        environment: Environment,
-        h: float,
-        members: np.ndarray,
-        found: int,
-    ) -> int:
-        state, (points, sets) = self._state, self._points_of(environment)
-        # bodies are thicker meanwhile: what is within their margins may touch in this tick
-        thickness = state.bodies['thickness']
-        own, contacts = thickness[chosen], NO_CONTACTS
-        thickness[chosen] += members['margin']
-        try:
-            candidates = find_candidates(
-                state, chosen, environment.surfaces, points, sets, self._any_regions
-            )  # fmt: skip
-            if candidates is not None:
-                numbers = np.arange(len(chosen) + len(sets))
-                first = np.empty(len(chosen) + 1, np.int64)
-                first[:-1], first[-1] = state.bodies['first'][chosen], state.x.shape[2]
-                contacts = find_body_contacts(
-                    state, chosen, environment.surfaces, candidates, numbers, first
-                )
-        finally:
-            thickness[chosen] = own
-        if found + len(contacts) > len(self._rows):
-            rows = np.zeros(2 * (found + len(contacts)), ROW)
-            rows[:found] = self._rows[:found]
-            self._rows = rows
-        return resolution.find_face_rows(
-            state.bodies, contacts, sets, state.shapes, state.weights, state.x,
-            state.v, self._flown, h, state.contact_memory, members, self._rows, found,
-            state.is_pinned,
+        """Resolve the contacts (k,) ROW of MEMBERs (m,); return the forces to remember."""
+        state = self._state
+        return resolve(
+            state.bodies, state.shapes, state.weights, state.q, state.x, state.v, self._flown,
+            environment.records, environment.trees, h, members, rows, self._places,
+            state.obstacle_impulse, state.normal_impulse, self.work, state.is_pinned,
         )  # fmt: skip
 
 

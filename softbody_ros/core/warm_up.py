@@ -24,6 +24,7 @@ from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.collision.shapes import make_shape
 from softbody_ros.core.config import OBSTACLE_TYPES, BodyConfig, ObstacleConfig, WorldConfig
 from softbody_ros.core.contact.members import MEMBER
+from softbody_ros.core.contact.rows import ROW
 from softbody_ros.core.external_inputs import ROBOT, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import Surface
 from softbody_ros.core.kinematic_tree import FRAME, TURNS, motion_of, motions
@@ -165,7 +166,9 @@ def compile_other_half(parent: int) -> None:
     with suppress(KeyboardInterrupt), compiled.compilations(note):
         world = everything()
         integrator, environment = world._integrator, world._environment
-        integrator.resolve_rows(np.zeros(0, MEMBER), 0, environment, world.config.time_step)
+        integrator.resolve_rows(
+            np.zeros(0, MEMBER), np.zeros(0, ROW), environment, world.config.time_step
+        )
 
 
 def warm_up(before_contact: Callable[[], None] = lambda: None) -> None:

@@ -20,6 +20,7 @@ from softbody_ros.core import poke, sleeping
 from softbody_ros.core.attachments import Holders, attach
 from softbody_ros.core.collision import obstacles
 from softbody_ros.core.collision.collision_surface import CollisionSurface, CollisionSurfaces
+from softbody_ros.core.collision.fixed_points import FixedPoints
 from softbody_ros.core.collision.obstacles import Obstacle, ObstacleTable
 from softbody_ros.core.collision.point_filter import steadied
 from softbody_ros.core.collision.point_obstacles import PointObstacles
@@ -170,7 +171,7 @@ class World:
         self._shapes: dict[tuple, Shape] = {}
         self._known_shapes = ShapeCache()
         self._surfaces: dict[tuple[int, int], CollisionSurface] = {}
-        self._obstacle_table = ObstacleTable()
+        self._obstacle_table, self._fixed_points = ObstacleTable(), FixedPoints()
         self._bodies = [self._make_body(body) for body in config.bodies]
         self._holders: Holders
         self._obstacles = tuple(obstacles.made(item) for item in config.obstacles)
@@ -252,14 +253,24 @@ class World:
         if (
             present is environment.obstacles
             and gravity is environment.gravity
-            and inputs.points is environment.points
+            and inputs.points is environment.cloud
         ):
             return environment
-        records, trees = self._obstacle_table.refresh(present)
-        self._environment = Environment(
-            gravity, present, records, trees, inputs.points, environment.surfaces
+        self._environment = self._make_environment(
+            gravity, present, inputs.points, environment.surfaces
         )
         return self._environment
+
+    def _make_environment(
+        self,
+        gravity: np.ndarray,
+        present: tuple[Obstacle, ...],
+        cloud: PointObstacles,
+        surfaces: CollisionSurfaces,
+    ) -> Environment:
+        records, trees = self._obstacle_table.refresh(present)
+        points, sets = self._fixed_points.refresh(cloud, present, records)
+        return Environment(gravity, present, records, trees, cloud, points, sets, surfaces)
 
     def _apply_wrenches(self) -> None:
         """Accumulate applied wrenches per body and wake those bodies."""
@@ -301,7 +312,7 @@ class World:
             environment.obstacles,
             environment.records,
             environment.trees,
-            environment.points,
+            environment.cloud,
             self._holders.fixed_and_driven(),
             fall,
             self._body_boxes,
@@ -785,14 +796,9 @@ class World:
         for rest, regions in table:
             key = id(rest), id(regions)
             self._surfaces[key] = before.get(key) or self._make_surface(rest, regions)
-        records, trees = self._obstacle_table.refresh(self.obstacles)
-        self._environment = Environment(
-            self.gravity,
-            self.obstacles,
-            records,
-            trees,
-            self._inputs.points,
-            CollisionSurfaces(list(self._surfaces.values())),
+        surfaces = CollisionSurfaces(list(self._surfaces.values()))
+        self._environment = self._make_environment(
+            self.gravity, self.obstacles, self._inputs.points, surfaces
         )
 
     def _make_surface(self, rest: RestShape, regions: Regions | None) -> CollisionSurface:

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from softbody_ros.core.collision.broad_phase import (
@@ -15,95 +13,120 @@ from softbody_ros.core.collision.broad_phase import (
     find_particles,
     find_points,
 )
-from softbody_ros.core.collision.collision_surface import CollisionSurfaces
+from softbody_ros.core.collision.collision_surface import SurfaceArrays
 from softbody_ros.core.collision.narrow_phase import CONTACT, find_contacts
+from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping_codes
 
-CANDIDATES = 1024
-"""Initial capacity; it grows on demand."""
-NO_PAIRS = np.zeros(0, np.int64)
 
-
-def find_candidates(
-    state: Any,
+@helper
+def find_body_contacts(
+    bodies: np.ndarray,
     chosen: np.ndarray,
-    surfaces: CollisionSurfaces,
+    shapes: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    surfaces: SurfaceArrays,
     points: np.ndarray,
     sets: np.ndarray,
-    any_regions: bool,
-) -> np.ndarray | None:
+    capacity: int,
+) -> tuple[np.ndarray, int]:
     """
-    Return particles and points that may be near faces of bodies, (q,) CANDIDATE; None if none.
+    Find the contacts of bodies with each other, with themselves and with points.
 
     Parameters
     ----------
-    state : State
-        with positions after the flight
+    bodies : (B,) BODY
+        with their `reach`
     chosen : (c,) int
-    surfaces : CollisionSurfaces
+        which of them
+    shapes : (R,) SHAPE
+    q : (3, M) float
+    x : (2, 3, N) float
+        m
+    match_centre, match_posture
+        see `narrow_phase.find_contacts`
+    surfaces : SurfaceArrays
     points, sets : (k, 3) float, (s,) POINT_SET
         points that no force moves, see `broad_phase.find_points`
-    any_regions : bool
-        whether there are bodies with regions, which may touch themselves
+    capacity : int
+        number of candidates for which there is room at first
+
+    Returns
+    -------
+    contacts : (j,) CONTACT
+    candidates : int
+        number of these
 
     """
-    bodies, count = state.bodies, len(chosen)
-    if count < 2 and not len(sets) and not any_regions:
-        return None
-    margin = bodies['thickness'][chosen] + SLACK * state.scales[chosen]
-    low, high, codes = np.empty((count, 3)), np.empty((count, 3)), NO_PAIRS
-    bound_bodies(bodies, chosen, state.x, 1, margin, low, high)
-    if count > 1:
-        codes = overlapping_codes(low, high)
-    if any_regions:
-        self_pairs = np.flatnonzero(bodies['regions'][chosen] > 1) * (count + 1)
-        codes = np.sort(np.concatenate([codes, self_pairs]))
-    if not len(codes) and not len(sets):
-        return None
-    arrays = surfaces.arrays
-    boxes = bound_pieces(
-        bodies, chosen, arrays.surfaces, arrays.pieces, arrays.covered, state.x, margin, low, high,
-    )  # fmt: skip
-    candidates, found = surfaces.buffer(CANDIDATE, CANDIDATES), 0
-    while True:
-        if len(codes):
-            found = find_particles(
-                bodies, chosen, arrays.surfaces, arrays.pieces, arrays.particles,
-                arrays.may_collide, state.x, codes, low, high, *boxes, candidates,
-            )  # fmt: skip
-        if len(sets):
-            found = find_points(
-                bodies, chosen, state.shapes, state.x, points, sets, low, high, *boxes, found,
-                candidates,
-            )  # fmt: skip
-        if found <= len(candidates):
-            return candidates[:found] if found else None
-        candidates, found = surfaces.buffer(CANDIDATE, found), 0
-
-
-def find_body_contacts(
-    state: Any,
-    chosen: np.ndarray,
-    surfaces: CollisionSurfaces,
-    candidates: np.ndarray,
-    numbers: np.ndarray,
-    first: np.ndarray,
-) -> np.ndarray:
-    """
-    Return the contacts (k,) CONTACT of candidates.
-
-    Parameters
-    ----------
-    numbers, first
-        see `narrow_phase.find_contacts`
-    state, chosen, surfaces, candidates
-        see `find_candidates`
-
-    """
-    arrays, contacts = surfaces.arrays, surfaces.buffer(CONTACT, len(candidates))
+    candidates = find_candidates(bodies, chosen, shapes, x, surfaces, points, sets, capacity)
+    contacts = np.empty(len(candidates), CONTACT)
     found = find_contacts(
-        state.bodies, chosen, state.shapes, state.q, arrays.surfaces, arrays.faces,
-        arrays.piece_of_face, arrays.normals, arrays.origins, arrays.trees, state.x,
-        state.match_centre, state.match_posture, candidates, numbers, first, contacts,
+        bodies, chosen, shapes, q, surfaces.surfaces, surfaces.faces, surfaces.piece_of_face,
+        surfaces.normals, surfaces.origins, surfaces.trees, x, match_centre, match_posture,
+        candidates, contacts,
     )  # fmt: skip
-    return contacts[:found]
+    return contacts[:found], len(candidates)
+
+
+@helper
+def find_candidates(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    shapes: np.ndarray,
+    x: np.ndarray,
+    surfaces: SurfaceArrays,
+    points: np.ndarray,
+    sets: np.ndarray,
+    capacity: int,
+) -> np.ndarray:
+    """Return particles and points that may be near faces of bodies, (q,) CANDIDATE."""
+    count = len(chosen)
+    margin, low, high = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
+    for place in range(count):
+        body = bodies[chosen[place]]
+        margin[place] = body['reach'] + SLACK * shapes[body['shape']]['scale']
+    bound_bodies(bodies, chosen, x, 1, margin, low, high)
+    codes = pairs_to_search(bodies, chosen, low, high)
+    if len(codes) == 0 and len(sets) == 0:
+        return np.empty(0, CANDIDATE)
+    first, piece_low, piece_high = bound_pieces(
+        bodies, chosen, surfaces.surfaces, surfaces.pieces, surfaces.covered, x, margin, low, high
+    )
+    while True:
+        candidates = np.empty(capacity, CANDIDATE)
+        found = find_particles(
+            bodies, chosen, surfaces.surfaces, surfaces.pieces, surfaces.particles,
+            surfaces.may_collide, x, codes, low, high, first, piece_low, piece_high, candidates,
+        )  # fmt: skip
+        found = find_points(
+            bodies, chosen, shapes, x, points, sets, low, high, first, piece_low, piece_high,
+            found, candidates,
+        )  # fmt: skip
+        if found <= capacity:
+            return candidates[:found]
+        capacity = found
+
+
+@helper
+def pairs_to_search(
+    bodies: np.ndarray, chosen: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Return the pairs of bodies whose boxes overlap, and those that may touch themselves."""
+    count, own = len(chosen), 0
+    for index in chosen:
+        own += bodies[index]['regions'] > 1
+    others = overlapping_codes(low, high) if count > 1 else np.empty(0, np.int64)
+    if own == 0:
+        return others
+    codes = np.empty(len(others) + own, np.int64)
+    codes[: len(others)] = others
+    own = len(others)
+    for place in range(count):
+        if bodies[chosen[place]]['regions'] > 1:
+            codes[own] = place * (count + 1)
+            own += 1
+    codes.sort()
+    return codes

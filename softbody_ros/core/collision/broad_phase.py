@@ -19,7 +19,8 @@ import itertools
 
 import numpy as np
 
-from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.collision.point_obstacles import first_beyond
+from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.bounding_boxes import overlap
 from softbody_ros.core.geometry.vectors import Vector, dot, minus, norm, plus, vector_of
 
@@ -51,7 +52,7 @@ CANDIDATE = np.dtype(
         ('other', np.int64),  # index of the body whose faces it may penetrate
         ('piece', np.int64),  # of that body
         ('point', np.float64, (3,)),  # position of the particle, m
-        ('thickness', np.float64),  # of its body, m
+        ('reach', np.float64),  # of its body, or radius of the point, m
         ('allowance', np.float64),  # tolerated depth, in RMS radii of the other body
     ],
     align=True,
@@ -59,7 +60,7 @@ CANDIDATE = np.dtype(
 """A particle or point in the bounding box of a piece of a body."""
 
 
-@kernel
+@helper
 def bound_pieces(
     bodies: np.ndarray,
     awake: np.ndarray,
@@ -124,7 +125,7 @@ def bound_pieces(
     return first, piece_low, piece_high
 
 
-@kernel
+@helper
 def find_particles(
     bodies: np.ndarray,
     awake: np.ndarray,
@@ -182,8 +183,8 @@ piece_high
                     body = bodies[awake[owner]]
                     first_piece = surfaces[body['shape']]['first_piece']
                     piece = pieces[first_piece + own - first[owner]]
-                    # boxes include the thickness of their own bodies only
-                    reach = body['thickness']
+                    # boxes include the reach of their own bodies only
+                    reach = body['reach']
                     half, begin = 1 - body['now'], body['first']
                     direction = minus(
                         plus(vector_of(piece_low[own]), vector_of(piece_high[own])),
@@ -193,7 +194,7 @@ piece_high
                     if surfaces[target['shape']]['pieces'] == 1:
                         # beyond the convex hull nothing is inside
                         limit = extent_along(direction, target, x)
-                        limit += norm(direction) * (reach + target['thickness'])
+                        limit += norm(direction) * (reach + target['reach'])
                     for index in range(piece['first'], piece['first'] + piece['count']):
                         i = particles[index]
                         column = begin + i
@@ -208,12 +209,12 @@ piece_high
                             candidate['other'], candidate['piece'] = other, box - first[other]
                             for axis in range(3):
                                 candidate['point'][axis] = point[axis]
-                            candidate['thickness'], candidate['allowance'] = reach, 0.0
+                            candidate['reach'], candidate['allowance'] = reach, 0.0
                         found += 1
     return found
 
 
-@kernel
+@helper
 def find_points(
     bodies: np.ndarray,
     awake: np.ndarray,
@@ -274,15 +275,9 @@ def append_points(
     """Append the points of a set, with a number among bodies and sets, in boxes of pieces."""
     begin, radius = point_set['first'], point_set['radius']
     end, allowance = begin + point_set['count'], point_set['allowance']
+    own = points[begin:end]
     for other in range(len(low)):
-        start, stop = begin, end
-        while start < stop:
-            middle = (start + stop) // 2
-            if points[middle, 0] > low[other, 0] - radius:
-                stop = middle
-            else:
-                start = middle + 1
-        for i in range(start, end):
+        for i in range(begin + first_beyond(own, low[other, 0] - radius), end):
             point = (points[i, 0], points[i, 1], points[i, 2])
             if not point[0] < high[other, 0] + radius:
                 break
@@ -297,7 +292,7 @@ def append_points(
                     candidate['other'], candidate['piece'] = other, box - first[other]
                     for axis in range(3):
                         candidate['point'][axis] = point[axis]
-                    candidate['thickness'], candidate['allowance'] = radius, allowance
+                    candidate['reach'], candidate['allowance'] = radius, allowance
                 found += 1
     return found
 
@@ -355,7 +350,7 @@ def discard_distant(
         candidate = candidates[k]
         other = candidate['other']
         body = bodies[awake[other]]
-        reach = candidate['thickness'] + body['thickness']
+        reach = candidate['reach'] + body['reach']
         reach -= candidate['allowance'] * shapes[body['shape']]['scale']
         point = vector_of(candidate['point'])
         if near[other] > 0 and is_beyond(point, low[other], high[other], reach):

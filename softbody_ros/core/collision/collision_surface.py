@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -143,8 +144,7 @@ class CollisionSurface:
         return make_tree(self.rest.surface)
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceArrays:
+class SurfaceArrays(NamedTuple):
     """
     The collision surfaces of all rest shapes of a world, as kernels read them.
 
@@ -183,7 +183,7 @@ class CollisionSurfaces:
     """
     The collision surfaces of a world, one for each of its rest shapes.
 
-    Computed at the first contact candidates.
+    Computed when there is something to meet them.
 
     Parameters
     ----------
@@ -193,13 +193,6 @@ class CollisionSurfaces:
 
     def __init__(self, surfaces: Sequence[CollisionSurface]) -> None:
         self.surfaces = list(surfaces)
-        self._buffers: dict[np.dtype, np.ndarray] = {}
-
-    def buffer(self, kind: np.dtype, count: int) -> np.ndarray:
-        """Return a buffer of at least `count` records, reused by all calls with the same type."""
-        if kind not in self._buffers or len(self._buffers[kind]) < count:
-            self._buffers[kind] = np.zeros(count + count // 2, kind)
-        return self._buffers[kind]
 
     @cached_property
     def arrays(self) -> SurfaceArrays:
@@ -251,3 +244,7 @@ class CollisionSurfaces:
                 trees.append(surface.tree)
         joined = {name: np.concatenate(columns[name]) for name in columns}
         return SurfaceArrays(surfaces, trees=pack(trees), **joined)
+
+
+NO_SURFACES = CollisionSurfaces(()).arrays
+"""Where there is nothing that could meet them."""

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.bvh import Trees, closest_face
 from softbody_ros.core.geometry.vectors import (
     NO_MATRIX,
@@ -44,23 +44,22 @@ particle is passing through; then this offset selects the face towards its own b
 
 CONTACT = np.dtype(
     [
-        ('body', np.int64),  # member of the particle in the contact state
-        ('other', np.int64),  # member of the face
-        # indices of the particle and the corners of the face in the contact state, and the
-        # coefficients of their difference: 1, and minus barycentric coordinates
+        ('body', np.int64),  # see `broad_phase.CANDIDATE`
+        ('other', np.int64),  # index of the body of the face
+        # columns of `x` of the particle and of the corners of the face, for points the number in
+        # their set; and the coefficients of their difference: 1, minus barycentric coordinates
         ('particles', np.int64, (4,)),
         ('coefficients', np.float64, (4,)),
         ('point', np.float64, (3,)),  # position of the particle, m
         ('normal', np.float64, (3,)),  # outward normal of the face
-        ('thickness', np.float64),  # required distance, m
-        ('depth', np.float64),  # penetration with the thickness, m
+        ('depth', np.float64),  # by which the distance is less than both reaches, m
     ],
     align=True,
 )
 """A contact of a particle with a face of another body, or of its own."""
 
 
-@kernel
+@helper
 def find_contacts(
     bodies: np.ndarray,
     awake: np.ndarray,
@@ -76,12 +75,10 @@ def find_contacts(
     match_centre: np.ndarray,
     match_posture: np.ndarray,
     candidates: np.ndarray,
-    number: np.ndarray,
-    first: np.ndarray,
     contacts: np.ndarray,
 ) -> int:
     """
-    Write the candidates that penetrate faces, and return their number.
+    Write the candidates in reach of faces, and return their number.
 
     The query point is offset inwards: corners of equal stacked boxes lie exactly on edges.
 
@@ -99,16 +96,11 @@ def find_contacts(
     match_centre, match_posture : (S, 3), (S, 3, 3) float
         centres, m, and linear maps of the pieces of bodies
     candidates : (q,) CANDIDATE
-    number : (A + F,) int
-        members of the bodies and sets of points in the contact state
-    first : (C + 1,) int
-        index there of the first particle of each; points follow in the order of contacts
     contacts : (q,) CONTACT
         written
 
     """
     found = 0
-    points = first[len(first) - 1]
     last_other, last_piece = -1, -1
     to_rest, match_place, origin = NO_MATRIX, ZERO, ZERO
     for candidate in candidates:
@@ -129,7 +121,7 @@ def find_contacts(
         if is_movable:
             inwards = minus(vector_of(bodies[awake[owner]]['centre']), point)
         half, scale = 1 - body['now'], shape['scale']
-        thickness = candidate['thickness'] + body['thickness'] - candidate['allowance'] * scale
+        reach = candidate['reach'] + body['reach'] - candidate['allowance'] * scale
         outwards = ZERO
         if is_movable and surface['pieces'] == 1:
             outwards = outward_normal(
@@ -159,7 +151,7 @@ def find_contacts(
                 particle_at(x, half, begin + corners[2]),
             )
             # a face that has collapsed to a line has no normal
-            touches = height < thickness and dot(normal, normal) > 0.5
+            touches = height < reach and dot(normal, normal) > 0.5
             passing = (
                 touches
                 and height < -PASSING_DEPTH * scale
@@ -171,22 +163,19 @@ def find_contacts(
         if not touches:
             continue
 
-        c, d = number[owner], number[other]
         contact = contacts[found]
-        contact['body'], contact['other'] = c, d
+        contact['body'], contact['other'] = owner, other
+        contact['particles'][0] = particle
         if is_movable:
-            contact['particles'][0] = first[c] + particle
-        else:
-            contact['particles'][0] = points
-            points += 1
+            contact['particles'][0] += bodies[awake[owner]]['first']
         contact['coefficients'][0] = 1.0
         corners = faces[surface['first_face'] + face]
         for corner in range(3):
-            contact['particles'][1 + corner] = first[d] + corners[corner]
+            contact['particles'][1 + corner] = body['first'] + corners[corner]
             contact['coefficients'][1 + corner] = -barycentric[corner]
         put_vector(contact['point'], point)
         put_vector(contact['normal'], normal)
-        contact['thickness'], contact['depth'] = thickness, thickness - height
+        contact['depth'] = reach - height
         found += 1
     return found
 

@@ -24,12 +24,8 @@ import numpy as np
 
 from softbody_ros.core.body import QUADRATIC_FEATURES
 from softbody_ros.core.collision.obstacle_contacts import (
-    bounds_of,
     distance_on_side_of_entry,
-    find_contacts,
-    may_touch,
 )
-from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.collision.shapes import MESH, PLANE
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.contact.energy import (
@@ -62,7 +58,6 @@ from softbody_ros.core.contact.members import (
     end_velocity,
     place,
     place_particles,
-    put_member,
     put_modes,
     put_rotation,
     start_velocities,
@@ -78,31 +73,25 @@ from softbody_ros.core.contact.problem import (
 from softbody_ros.core.contact.rows import (
     CONTACT_FREQUENCY,
     LINEARISED,
-    complete_row,
-    concerns,
+    MEMORY,
     copy_record,
     end_normal,
     flown,
     in_world,
-    put_face_row,
-    put_obstacle_row,
     put_other_side,
-    recall,
     share_of,
     side_of,
 )
 from softbody_ros.core.contact.solver import LARGEST_ISLAND, solve
 from softbody_ros.core.contact.working_set import (
-    LEVER,
-    SOFT_MARGIN,
     SPARE,
     Flight,
     find_working_set,
-    is_calm,
     number_particles,
     sort_into_islands,
     take_closed,
 )
+from softbody_ros.core.geometry.bounding_boxes import sort_indices
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
@@ -126,23 +115,17 @@ from softbody_ros.core.geometry.vectors import (
 )
 from softbody_ros.core.lanes import LANES, put_vectors, vectors_at
 from softbody_ros.core.shape_matching.flight_map import (
-    put_start_shape,
     write,
 )
 from softbody_ros.core.shape_matching.rigid_motion import put_motion
 
 VELOCITY_COMPLIANCE = 1e-4
 """Compliance of contacts for velocities, relative to the inverse mass."""
-MARGIN = 0.01
-"""Distance, in RMS radii, within which contacts of rigid bodies are rows that are not made yet."""
 RELEASED = 1e-12
 """Force, relative to that of the positions, that is rounding: the contact has ended."""
 REMEMBERED = 0.95
 """Share of the force of the tick before to which the compliance of a rigid body has yielded
 already: in rest the problem is solved as it is, and pressure becomes even in 20 ticks."""
-CALM = 0.01
-"""Displacement by its acceleration in a tick, relative to `SOFT_MARGIN`, up to which it is worth
-while to look whether a body is steady."""
 ROUNDS, LARGE_ROUNDS, SELECTIONS = 4, 2, 4
 """Linearisations of the positions, at most, and of islands too large for Newton's method; and how
 many more while contacts that had been left out join."""
@@ -167,327 +150,6 @@ velocities."""
 
 
 @kernel
-def begin_members(
-    bodies: np.ndarray,
-    chosen: np.ndarray,
-    shapes: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    obstacles: np.ndarray,
-    h: float,
-    others: bool,
-    in_contact: bool,
-    reaction: np.ndarray,
-    members: np.ndarray,
-) -> None:
-    """
-    Write the members, after their flight.
-
-    Deformable bodies that may touch something get their start shape in the place of the result.
-    Their flights may be far from there: these margins are taken only if `confirm_steady` finds
-    that they need to be.
-
-    Parameters
-    ----------
-    bodies : (B,) BODY
-    chosen : (m,) int
-    shapes : (R,) SHAPE
-    x, v : (2, 3, N) float
-        m, m/s
-    flown : (3, N) float
-        written: positions after the flight of those deformable bodies, m
-    obstacles : (O,) OBSTACLE
-    h : float
-        s
-    others : bool
-        whether there is something else that bodies may touch
-    in_contact : bool
-        whether there were any contacts at the tick before
-    reaction : (B, 2, 3) float
-        what these exerted on bodies, see `State`
-    members : (m,) MEMBER
-        written
-
-    """
-    for number in range(len(chosen)):
-        body, member = bodies[chosen[number]], members[number]
-        shape, now = shapes[body['shape']], body['now']
-        scale = shape['scale']
-        put_member(member, body, shape, chosen[number], h)
-        member['margin'] = (SOFT_MARGIN if member['is_soft'] else MARGIN) * scale
-        rate = applied(matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum']))
-        turning = norm(rate) + norm(vector_of(member['carried']))
-        member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
-        near, speed = find_near_obstacles(body, member, obstacles, x)
-        # they may push it as far into others
-        member['margin'] += h * speed
-        member['nearby'] = member['widest'] = member['margin']
-        if member['is_soft'] and (others or near):
-            distance, coasting = put_start_shape(body, x[now], v[now], x[1 - now], flown, h)
-            member['starts'], member['widest'] = True, member['nearby'] + distance
-            # a contact acts up to so far from where it would be with the velocities
-            member['margin'] = member['nearby'] + LEVER * SOFT_MARGIN * scale + coasting
-        # steady is only what does not accelerate
-        force = plus(vector_of(member['acceleration']), vector_of(reaction[chosen[number], 0]))
-        may_be_steady = in_contact and h * h * norm(force) <= CALM * SOFT_MARGIN * scale
-        if not may_be_steady or member['margin'] > member['widest']:
-            member['margin'] = member['widest']
-
-
-@kernel
-def find_obstacle_rows(
-    bodies: np.ndarray,
-    shapes: np.ndarray,
-    weights: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    obstacles: np.ndarray,
-    trees: Trees,
-    h: float,
-    memory: np.ndarray,
-    members: np.ndarray,
-    contacts: np.ndarray,
-    rows: np.ndarray,
-    is_pinned: np.ndarray,
-) -> int:
-    """
-    Write the rows of contacts with obstacles, at the start shapes.
-
-    Parameters
-    ----------
-    bodies : (B,) BODY
-    shapes : (R,) SHAPE
-    weights : (M,) float
-        mass shares of the particles of all rest shapes
-    x, v : (2, 3, N) float
-        m, m/s
-    flown : (3, N) float
-        see `begin_members`
-    obstacles : (O,) OBSTACLE
-    trees : Trees
-        of the meshes of obstacles
-    h : float
-        s
-    memory : (r,) MEMORY
-        of the tick before, in order of its keys
-    members : (m,) MEMBER
-    contacts : (c,) CONTACT
-        scratch for the contacts of one body with one obstacle
-    rows : (k,) ROW
-        written
-    is_pinned : (N,) bool
-        particles that pins hold against any force: they touch no obstacles
-
-    Returns
-    -------
-    int
-        number of rows, even beyond the capacity
-
-    """
-    found = 0
-    for number in range(len(members)):
-        member = members[number]
-        body = bodies[member['body']]
-        first, count, now = body['first'], body['surface'], body['now']
-        shape = shapes[body['shape']]
-        x0, x1 = x[now], x[1 - now]
-        if member['is_soft'] and not member['starts']:
-            continue
-        if is_held(member):
-            continue
-        low, high, low_before, high_before = ZERO, ZERO, ZERO, ZERO
-        bounded, begin, which = False, found, 0
-        while which < len(obstacles):
-            obstacle, reach = obstacles[which], body['thickness'] + member['margin']
-            which += 1
-            if obstacle['kind'] != PLANE:
-                if not bounded:
-                    low, high = bounds_of(x1, first, count)
-                    low_before, high_before = bounds_of(x0, first, count)
-                    bounded = True
-                if not may_touch(obstacle, low, high, low_before, high_before, reach):
-                    continue
-            near = find_contacts(obstacle, trees, x1, x0, first, count, reach, True, contacts, 0)
-            for k in range(near):
-                if is_pinned[first + contacts[k]['particle']]:
-                    continue
-                if found < len(rows):
-                    weight = weights[shape['first'] + contacts[k]['particle']]
-                    velocity = put_obstacle_row(
-                        rows[found], contacts[k], number, body, reach, weight, obstacle, which - 1,
-                        memory, x, v, flown, h,
-                    )  # fmt: skip
-                    complete_row(rows[found], members, velocity, h)
-                    if member['margin'] < member['widest'] and not is_calm(rows[found], member):
-                        # it is not steady: begin again with the wider margin
-                        member['margin'] = member['widest']
-                        found, which = begin, 0
-                        break
-                found += 1
-    return found
-
-
-@helper
-def may_yield(contact: np.void, members: np.ndarray, is_pinned: np.ndarray) -> bool:
-    """Return whether a particle, or the face that it touches, is not held by pins."""
-    owner, particles = contact['body'], contact['particles']
-    if owner < len(members) and not is_held(members[owner]) and not is_pinned[particles[0]]:
-        return True
-    if is_held(members[contact['other']]):
-        return False
-    return not (is_pinned[particles[1]] and is_pinned[particles[2]] and is_pinned[particles[3]])
-
-
-@helper
-def is_held(member: np.void) -> bool:
-    """Return whether pins hold all of a body."""
-    return member['has_pins'] and not member['is_soft'] and is_fixed(member)
-
-
-@helper
-def is_fixed(member: np.void) -> bool:
-    """Return whether pins let a body not even turn."""
-    allowed = member['allowed']
-    return allowed[0, 0] + allowed[1, 1] + allowed[2, 2] == 0.0
-
-
-@helper
-def find_near_obstacles(
-    body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarray
-) -> tuple[bool, float]:
-    """Return whether a body may touch obstacles in this tick, and how fast these are, m/s."""
-    x0, x1 = x[body['now']], x[1 - body['now']]
-    low, high = bounds_of(x1, body['first'], body['surface'])
-    low_before, high_before = bounds_of(x0, body['first'], body['surface'])
-    reach, found, speed = body['thickness'] + member['margin'], False, 0.0
-    reach += MARGIN * member['scale']
-    for which in range(len(obstacles)):
-        obstacle = obstacles[which]
-        near = False
-        if obstacle['kind'] == PLANE:
-            rotation = matrix_of(obstacle['rotation'])
-            normal = (rotation[0][2], rotation[1][2], rotation[2][2])
-            nearest = -dot(vector_of(obstacle['position']), normal)
-            for axis in range(3):
-                one = min(low[axis], low_before[axis]) * normal[axis]
-                two = max(high[axis], high_before[axis]) * normal[axis]
-                nearest += min(one, two)
-            near = nearest <= reach
-        else:
-            near = may_touch(obstacle, low, high, low_before, high_before, reach)
-        if near:
-            found = True
-            speed = max(speed, norm(velocity_at(obstacle, vector_of(member['centre']))))
-    return found, speed
-
-
-@kernel
-def confirm_steady(
-    bodies: np.ndarray, members: np.ndarray, rows: np.ndarray, memory: np.ndarray, at_once: bool
-) -> bool:
-    """
-    Find which bodies are steady, and return whether others need wider margins.
-
-    Where all contacts of a body that press persist and their flights are those of the tick before,
-    the body is steady.
-
-    Parameters
-    ----------
-    bodies : (B,) BODY
-    members, rows : (m,) MEMBER, (k,) ROW
-    memory : (r,) MEMORY
-        of the tick before
-    at_once : bool
-        whether all bodies get wider margins if one needs them
-
-    """
-    persists, seen = np.zeros(len(members), np.bool_), np.zeros(len(memory), np.bool_)
-    for member in members:
-        member['steady'] = True
-    for row in rows:
-        if not row['is_new']:
-            seen[row['known']] = True
-        for side in range(2):
-            index, _ = side_of(row, side)
-            if index >= 0:
-                persists[index] = persists[index] or not row['is_new']
-                if not is_calm(row, members[index]):
-                    members[index]['steady'] = False
-    candidates, count = np.empty(len(members), np.int64), 0
-    for number in range(len(members)):
-        members[number]['steady'] = members[number]['steady'] and persists[number]
-        if members[number]['steady']:
-            candidates[count] = number
-            count += 1
-    for k in range(len(memory)):
-        if not seen[k] and norm(vector_of(memory[k]['force'])) > 0.0:
-            for number in candidates[:count]:
-                member = members[number]
-                if concerns(memory[k]['key'], bodies[member['body']]['id']):
-                    member['steady'] = False
-    too_narrow = False
-    for member in members:
-        too_narrow = too_narrow or (not member['steady'] and member['margin'] < member['widest'])
-    for member in members:
-        if too_narrow and (at_once or not member['steady']):
-            member['margin'] = member['widest']
-    return too_narrow
-
-
-@kernel
-def find_face_rows(
-    bodies: np.ndarray,
-    contacts: np.ndarray,
-    sets: np.ndarray,
-    shapes: np.ndarray,
-    weights: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    h: float,
-    memory: np.ndarray,
-    members: np.ndarray,
-    rows: np.ndarray,
-    found: int,
-    is_pinned: np.ndarray,
-) -> int:
-    """
-    Append the rows of contacts between bodies, and of points with faces of bodies.
-
-    What pins hold on both sides cannot yield, and its force would be any.
-
-    Parameters
-    ----------
-    contacts : (c,) CONTACT
-        of the narrow phase, with columns of `x` as particles
-    sets : (s,) POINT_SET
-    found : int
-        number of rows before
-    bodies, shapes, weights, x, v, flown, h, memory, members, rows, is_pinned
-        see `find_obstacle_rows`
-
-    Returns
-    -------
-    int
-        number of rows, even beyond the capacity
-
-    """
-    for contact in contacts:
-        if not may_yield(contact, members, is_pinned):
-            continue
-        if found < len(rows):
-            velocity = put_face_row(
-                rows[found], contact, bodies, members, sets, shapes, weights, x, v, flown, h
-            )
-            recall(rows[found], memory)
-            complete_row(rows[found], members, velocity, h)
-        found += 1
-    return found
-
-
-@kernel
 def resolve(
     bodies: np.ndarray,
     shapes: np.ndarray,
@@ -502,41 +164,35 @@ def resolve(
     members: np.ndarray,
     rows: np.ndarray,
     place_of: np.ndarray,
-    memory: np.ndarray,
-    remembered: np.ndarray,
     obstacle_impulse: np.ndarray,
     normal_impulse: np.ndarray,
     work: np.ndarray,
     is_pinned: np.ndarray,
-) -> int:
+) -> np.ndarray:
     """
     Move bodies by the forces of their contacts, from the flight to the end of the tick.
 
     Parameters
     ----------
     bodies, shapes, weights, x, v, flown, obstacles, trees, h, members
-        see `find_obstacle_rows`
+        see `detection.find_rows`
     q : (3, M) float
         rest positions of the particles of all rest shapes, and goals, see `State`
     rows : (k,) ROW
         all contacts
     place_of : (N,) int
         scratch of −1, and so again after that
-    memory : (r,) MEMORY
-        of the tick before
-    remembered : (k,) MEMORY
-        written, not in order
     obstacle_impulse, normal_impulse
         results, see `exchange`
     work : (3,) int
         added to: Gauss–Seidel sweeps, Newton steps, problems that are not solved to tolerance
     is_pinned : (N,) bool
-        see `find_obstacle_rows`
+        see `find_rows`
 
     Returns
     -------
-    int
-        number of forces to remember
+    memory : (r,) MEMORY
+        forces to remember, in order of their keys
 
     """
     count, status = len(members), np.empty(len(rows), np.int64)
@@ -550,7 +206,7 @@ def resolve(
         members, rows, status, island, first_body, first_row, inside, local, own, working,
         first_waiting, waiting,
     )  # fmt: skip
-    all_particles = np.empty(4 * SPARE * left, PARTICLE)
+    all_particles, remembered = np.empty(4 * len(own), PARTICLE), np.empty(len(own), MEMORY)
     flight, kept = Flight(bodies, shapes, weights, q, v, flown, is_pinned, place_of), 0
     for root in range(count):
         first, last = first_row[root], first_row[root]
@@ -588,7 +244,20 @@ def resolve(
         for particle in particles:
             write_particle(particle, together, bodies, x, v)
             place_of[particle['column']] = -1
-    return kept
+    return in_order(remembered[:kept])
+
+
+@helper
+def in_order(remembered: np.ndarray) -> np.ndarray:
+    """Return MEMORYs in order of their keys."""
+    keys, order = np.empty(len(remembered), np.int64), np.empty(len(remembered), np.int64)
+    for k in range(len(remembered)):
+        keys[k] = remembered[k]['key']
+    sort_indices(keys, order)
+    memory = np.empty_like(remembered)
+    for k in range(len(memory)):
+        memory[k] = remembered[order[k]]
+    return memory
 
 
 @helper

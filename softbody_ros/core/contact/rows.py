@@ -407,7 +407,7 @@ def add_side(
         where it is in the start shape, m
     body : BODY
     x, flown : (2, 3, N), (3, N) float
-        of the world, see `resolution.find_obstacle_rows`
+        of the world, see `detection.find_rows`
 
     """
     now, end = body['now'], start
@@ -558,10 +558,7 @@ def put_face_row(
     row['one'], row['two'], row['of_face'] = other, -1, True
     row['softness'] = 1.0
     row['column'], row['obstacle'] = -1, point_set['obstacle']
-    points = x.shape[2]
-    row['key'] = key_of(
-        OF_POINTS, owner - len(members), body['id'], contact['particles'][0] - points
-    )
+    row['key'] = key_of(OF_POINTS, owner - len(members), body['id'], contact['particles'][0])
     put_vector(row['normal'], scaled(-1.0, normal))
     row['gap'] = members[other]['margin'] - contact['depth']
     arm = minus(point, vector_of(point_set['centre']))

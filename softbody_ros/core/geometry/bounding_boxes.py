@@ -28,19 +28,20 @@ def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return codes // len(low), codes % len(low) if len(low) else codes
 
 
+@kernel
 def overlapping_codes(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the pairs of `overlapping` as increasing codes: N times the first plus the second."""
-    codes = np.empty(4 * len(low), dtype=np.int64)
+    codes = np.empty(4 * len(low), np.int64)
     count = sweep(low, high, codes)
     if count > len(codes):
-        codes = np.empty(count, dtype=np.int64)
+        codes = np.empty(count, np.int64)
         sweep(low, high, codes)
     codes = codes[:count]
     codes.sort()
     return codes
 
 
-@kernel
+@helper
 def sweep(low: np.ndarray, high: np.ndarray, codes: np.ndarray) -> int:
     """
     Write the codes of pairs that overlap; return their number, even beyond the capacity.

@@ -1,0 +1,456 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Find the contacts of bodies with obstacles, points and each other, as rows of the contact problem.
+
+They are found at the start shapes, see `members`, within a reach as wide as bodies and obstacles
+may get nearer in the tick. Bodies that are steady have the contacts that they had, and so look
+for others nearby only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softbody_ros.core.collision.body_contacts import find_body_contacts
+from softbody_ros.core.collision.collision_surface import SurfaceArrays
+from softbody_ros.core.collision.narrow_phase import CONTACT as FACE_CONTACT
+from softbody_ros.core.collision.obstacle_contacts import (
+    CONTACT,
+    bounds_of,
+    find_contacts,
+    may_touch,
+)
+from softbody_ros.core.collision.obstacles import velocity_at
+from softbody_ros.core.collision.shapes import PLANE
+from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.contact.members import MEMBER, put_member
+from softbody_ros.core.contact.rows import (
+    ROW,
+    complete_row,
+    concerns,
+    put_face_row,
+    put_obstacle_row,
+    recall,
+    side_of,
+)
+from softbody_ros.core.contact.working_set import LEVER, SOFT_MARGIN, is_calm
+from softbody_ros.core.geometry.bvh import Trees
+from softbody_ros.core.geometry.vectors import ZERO, applied, dot, matrix_of, norm, plus, vector_of
+from softbody_ros.core.shape_matching.flight_map import put_start_shape
+
+CONTACTS_PER_PARTICLE = 3
+"""Capacity for contacts of a body with one obstacle, per particle."""
+PASSES = 3
+"""Searches: once for those that are steady, and again where others are not; then all have their
+widest margins."""
+MARGIN = 0.01
+"""Distance, in RMS radii, within which contacts of rigid bodies are rows that are not made yet."""
+CALM = 0.01
+"""Displacement by its acceleration in a tick, relative to `SOFT_MARGIN`, up to which it is worth
+while to look whether a body is steady."""
+
+
+@kernel
+def find_rows(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    flown: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    surfaces: SurfaceArrays,
+    points: np.ndarray,
+    sets: np.ndarray,
+    h: float,
+    others: bool,
+    memory: np.ndarray,
+    reaction: np.ndarray,
+    is_pinned: np.ndarray,
+    capacity: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Find all contacts of bodies after their flight.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+    chosen : (m,) int
+        which of them
+    shapes : (R,) SHAPE
+    weights : (M,) float
+        mass shares of the particles of all rest shapes
+    q : (3, M) float
+        rest positions of the particles of all rest shapes, and goals, see `State`
+    x, v : (2, 3, N) float
+        m, m/s
+    flown : (3, N) float
+        written: positions after the flight of deformable bodies that may touch something, m
+    match_centre, match_posture
+        see `narrow_phase.find_contacts`
+    obstacles : (O,) OBSTACLE
+    trees : Trees
+        of the meshes of obstacles
+    surfaces : SurfaceArrays
+    points, sets : (k, 3) float, (s,) POINT_SET
+        points that no force moves, see `FixedPoints`
+    h : float
+        s
+    others : bool
+        whether there is something else than obstacles that bodies may touch
+    memory : (r,) MEMORY
+        of the tick before, in order of its keys
+    reaction : (B, 2, 3) float
+        what contacts exerted on bodies at the tick before, see `State`
+    is_pinned : (N,) bool
+        particles that pins hold against any force: they touch no obstacles
+    capacity : (2,) int
+        number of rows, and of candidates, for which there is room at first: written
+
+    Returns
+    -------
+    members : (m,) MEMBER
+    rows : (k,) ROW
+
+    """
+    members, most = np.zeros(len(chosen), MEMBER), 0
+    begin_members(
+        bodies,
+        chosen,
+        shapes,
+        x,
+        v,
+        flown,
+        obstacles,
+        h,
+        others,
+        len(memory) > 0,
+        reaction,
+        members,
+    )
+    for number in chosen:
+        most = max(most, bodies[number]['count'])
+    near, rows = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT), np.empty(capacity[0], ROW)
+    contacts, found, searches = np.empty(0, FACE_CONTACT), 0, 0
+    while searches < PASSES:
+        found = find_obstacle_rows(
+            bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, members, near, rows,
+            is_pinned,
+        )  # fmt: skip
+        if others:
+            for number in range(len(chosen)):
+                body = bodies[chosen[number]]
+                body['reach'] = body['thickness'] + members[number]['margin']
+            contacts, needed = find_body_contacts(
+                bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, points, sets,
+                capacity[1],
+            )  # fmt: skip
+            capacity[1] = max(capacity[1], needed)
+            found = find_face_rows(
+                bodies, contacts, sets, shapes, weights, x, v, flown, h, memory, members, rows,
+                found, is_pinned,
+            )  # fmt: skip
+        if found > len(rows):
+            capacity[0] = 2 * found
+            rows = np.empty(capacity[0], ROW)
+            continue
+        searches += 1
+        if not confirm_steady(bodies, members, rows[:found], memory, searches > 1):
+            break
+    return members, rows[:found]
+
+
+@helper
+def begin_members(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    shapes: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    flown: np.ndarray,
+    obstacles: np.ndarray,
+    h: float,
+    others: bool,
+    in_contact: bool,
+    reaction: np.ndarray,
+    members: np.ndarray,
+) -> None:
+    """
+    Write the members, after their flight.
+
+    Deformable bodies that may touch something get their start shape in the place of the result.
+    Their flights may be far from there: these margins are taken only if `confirm_steady` finds
+    that they need to be.
+
+    Parameters
+    ----------
+    in_contact : bool
+        whether there were any contacts at the tick before
+    members : (m,) MEMBER
+        written
+    bodies, chosen, shapes, x, v, flown, obstacles, h, others, reaction
+        see `find_rows`
+
+    """
+    for number in range(len(chosen)):
+        body, member = bodies[chosen[number]], members[number]
+        shape, now = shapes[body['shape']], body['now']
+        scale = shape['scale']
+        put_member(member, body, shape, chosen[number], h)
+        member['margin'] = (SOFT_MARGIN if member['is_soft'] else MARGIN) * scale
+        rate = applied(matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum']))
+        turning = norm(rate) + norm(vector_of(member['carried']))
+        member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
+        near, speed = find_near_obstacles(body, member, obstacles, x)
+        # they may push it as far into others
+        member['margin'] += h * speed
+        member['nearby'] = member['widest'] = member['margin']
+        if member['is_soft'] and (others or near):
+            distance, coasting = put_start_shape(body, x[now], v[now], x[1 - now], flown, h)
+            member['starts'], member['widest'] = True, member['nearby'] + distance
+            # a contact acts up to so far from where it would be with the velocities
+            member['margin'] = member['nearby'] + LEVER * SOFT_MARGIN * scale + coasting
+        # steady is only what does not accelerate
+        force = plus(vector_of(member['acceleration']), vector_of(reaction[chosen[number], 0]))
+        may_be_steady = in_contact and h * h * norm(force) <= CALM * SOFT_MARGIN * scale
+        if not may_be_steady or member['margin'] > member['widest']:
+            member['margin'] = member['widest']
+
+
+@helper
+def find_obstacle_rows(
+    bodies: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    flown: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    h: float,
+    memory: np.ndarray,
+    members: np.ndarray,
+    contacts: np.ndarray,
+    rows: np.ndarray,
+    is_pinned: np.ndarray,
+) -> int:
+    """
+    Write the rows of contacts with obstacles, at the start shapes.
+
+    Parameters
+    ----------
+    contacts : (c,) CONTACT
+        scratch for the contacts of one body with one obstacle
+    rows : (k,) ROW
+        written
+    bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, members, is_pinned
+        see `find_rows`
+
+    Returns
+    -------
+    int
+        number of rows, even beyond the capacity
+
+    """
+    found = 0
+    for number in range(len(members)):
+        member = members[number]
+        body = bodies[member['body']]
+        first, count, now = body['first'], body['surface'], body['now']
+        shape = shapes[body['shape']]
+        x0, x1 = x[now], x[1 - now]
+        if member['is_soft'] and not member['starts']:
+            continue
+        if is_held(member):
+            continue
+        low, high, low_before, high_before = ZERO, ZERO, ZERO, ZERO
+        bounded, begin, which = False, found, 0
+        while which < len(obstacles):
+            obstacle, reach = obstacles[which], body['thickness'] + member['margin']
+            which += 1
+            if obstacle['kind'] != PLANE:
+                if not bounded:
+                    low, high = bounds_of(x1, first, count)
+                    low_before, high_before = bounds_of(x0, first, count)
+                    bounded = True
+                if not may_touch(obstacle, low, high, low_before, high_before, reach):
+                    continue
+            near = find_contacts(obstacle, trees, x1, x0, first, count, reach, True, contacts, 0)
+            for k in range(near):
+                if is_pinned[first + contacts[k]['particle']]:
+                    continue
+                if found < len(rows):
+                    weight = weights[shape['first'] + contacts[k]['particle']]
+                    velocity = put_obstacle_row(
+                        rows[found], contacts[k], number, body, reach, weight, obstacle, which - 1,
+                        memory, x, v, flown, h,
+                    )  # fmt: skip
+                    complete_row(rows[found], members, velocity, h)
+                    if member['margin'] < member['widest'] and not is_calm(rows[found], member):
+                        # it is not steady: begin again with the wider margin
+                        member['margin'] = member['widest']
+                        found, which = begin, 0
+                        break
+                found += 1
+    return found
+
+
+@helper
+def may_yield(contact: np.void, members: np.ndarray, is_pinned: np.ndarray) -> bool:
+    """Return whether a particle, or the face that it touches, is not held by pins."""
+    owner, particles = contact['body'], contact['particles']
+    if owner < len(members) and not is_held(members[owner]) and not is_pinned[particles[0]]:
+        return True
+    if is_held(members[contact['other']]):
+        return False
+    return not (is_pinned[particles[1]] and is_pinned[particles[2]] and is_pinned[particles[3]])
+
+
+@helper
+def is_held(member: np.void) -> bool:
+    """Return whether pins hold all of a body."""
+    return member['has_pins'] and not member['is_soft'] and is_fixed(member)
+
+
+@helper
+def is_fixed(member: np.void) -> bool:
+    """Return whether pins let a body not even turn."""
+    allowed = member['allowed']
+    return allowed[0, 0] + allowed[1, 1] + allowed[2, 2] == 0.0
+
+
+@helper
+def find_near_obstacles(
+    body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarray
+) -> tuple[bool, float]:
+    """Return whether a body may touch obstacles in this tick, and how fast these are, m/s."""
+    x0, x1 = x[body['now']], x[1 - body['now']]
+    low, high = bounds_of(x1, body['first'], body['surface'])
+    low_before, high_before = bounds_of(x0, body['first'], body['surface'])
+    reach, found, speed = body['thickness'] + member['margin'], False, 0.0
+    reach += MARGIN * member['scale']
+    for which in range(len(obstacles)):
+        obstacle = obstacles[which]
+        near = False
+        if obstacle['kind'] == PLANE:
+            rotation = matrix_of(obstacle['rotation'])
+            normal = (rotation[0][2], rotation[1][2], rotation[2][2])
+            nearest = -dot(vector_of(obstacle['position']), normal)
+            for axis in range(3):
+                one = min(low[axis], low_before[axis]) * normal[axis]
+                two = max(high[axis], high_before[axis]) * normal[axis]
+                nearest += min(one, two)
+            near = nearest <= reach
+        else:
+            near = may_touch(obstacle, low, high, low_before, high_before, reach)
+        if near:
+            found = True
+            speed = max(speed, norm(velocity_at(obstacle, vector_of(member['centre']))))
+    return found, speed
+
+
+@helper
+def confirm_steady(
+    bodies: np.ndarray, members: np.ndarray, rows: np.ndarray, memory: np.ndarray, at_once: bool
+) -> bool:
+    """
+    Find which bodies are steady, and return whether others need wider margins.
+
+    Where all contacts of a body that press persist and their flights are those of the tick before,
+    the body is steady.
+
+    Parameters
+    ----------
+    at_once : bool
+        whether all bodies get wider margins if one needs them
+    bodies, members, rows, memory
+        see `find_rows`
+
+    """
+    persists, seen = np.zeros(len(members), np.bool_), np.zeros(len(memory), np.bool_)
+    for member in members:
+        member['steady'] = True
+    for row in rows:
+        if not row['is_new']:
+            seen[row['known']] = True
+        for side in range(2):
+            index, _ = side_of(row, side)
+            if index >= 0:
+                persists[index] = persists[index] or not row['is_new']
+                if not is_calm(row, members[index]):
+                    members[index]['steady'] = False
+    candidates, count = np.empty(len(members), np.int64), 0
+    for number in range(len(members)):
+        members[number]['steady'] = members[number]['steady'] and persists[number]
+        if members[number]['steady']:
+            candidates[count] = number
+            count += 1
+    for k in range(len(memory)):
+        if not seen[k] and norm(vector_of(memory[k]['force'])) > 0.0:
+            for number in candidates[:count]:
+                member = members[number]
+                if concerns(memory[k]['key'], bodies[member['body']]['id']):
+                    member['steady'] = False
+    too_narrow = False
+    for member in members:
+        too_narrow = too_narrow or (not member['steady'] and member['margin'] < member['widest'])
+    for member in members:
+        if too_narrow and (at_once or not member['steady']):
+            member['margin'] = member['widest']
+    return too_narrow
+
+
+@helper
+def find_face_rows(
+    bodies: np.ndarray,
+    contacts: np.ndarray,
+    sets: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    flown: np.ndarray,
+    h: float,
+    memory: np.ndarray,
+    members: np.ndarray,
+    rows: np.ndarray,
+    found: int,
+    is_pinned: np.ndarray,
+) -> int:
+    """
+    Append the rows of contacts between bodies, and of points with faces of bodies.
+
+    What pins hold on both sides cannot yield, and its force would be any.
+
+    Parameters
+    ----------
+    contacts : (c,) CONTACT
+        of the narrow phase
+    found : int
+        number of rows before
+    bodies, sets, shapes, weights, x, v, flown, h, memory, members, rows, is_pinned
+        see `find_rows`
+
+    Returns
+    -------
+    int
+        number of rows, even beyond the capacity
+
+    """
+    for contact in contacts:
+        if not may_yield(contact, members, is_pinned):
+            continue
+        if found < len(rows):
+            velocity = put_face_row(
+                rows[found], contact, bodies, members, sets, shapes, weights, x, v, flown, h
+            )
+            recall(rows[found], memory)
+            complete_row(rows[found], members, velocity, h)
+        found += 1
+    return found
