@@ -29,7 +29,7 @@ from softbody_ros.core import (
     make_surface,
 )
 from softbody_ros.core.collision import obstacles
-from softbody_ros.core.collision.obstacles import Obstacle
+from softbody_ros.core.collision.shapes import Box, Mesh
 
 MODES = ('rigid', 'linear', 'quadratic')
 THIN = 0.01
@@ -119,7 +119,8 @@ def test_refusals_name_the_obstacle(values, error, sentence):
 @pytest.mark.parametrize('mode', MODES)
 def test_a_box_of_triangles_is_a_box(mode, monkeypatch):
     # the points along their edges differ
-    monkeypatch.setattr(Obstacle, 'edge_points', (np.zeros((0, 3)), 0.0))
+    for kind in (Box, Mesh):
+        monkeypatch.setattr(kind, 'edge_points', (np.zeros((0, 3)), 0.0))
     turn = Rotation.from_matrix(random_rotation(1)).as_quat()
     place = {'position': (0.0, 0.0, -1.0), 'orientation': turn}
     as_box = ObstacleConfig(name='wall', type='box', size=(0.8, 0.8, 0.8), **place)

@@ -174,6 +174,10 @@ def _bounds(facts: Setting) -> tuple[float, float]:
     return low, math.inf if facts.maximum is None else facts.maximum
 
 
+def _are_floats(value: Iterable[Any]) -> bool:
+    return {*map(type, value)} == {float}
+
+
 def _are_allowed_floats(value: Iterable[Any], facts: Setting) -> bool:
     low, high = _bounds(facts)
     for item in value:
@@ -652,9 +656,17 @@ class ObstacleConfig(Checked):
 
         That is for obstacles that are moved at each tick.
         """
-        result = self.with_values(**motion)
-        known = _settings_by_field(ObstacleConfig)
-        result._check([known[field] for field in motion])
+        present, known = self.__dict__, _settings_by_field(ObstacleConfig)
+        changed = {
+            field: value
+            for field, value in motion.items()
+            # what is as it was has been checked; 1 and True equal 1.0 but are no floats
+            if not (type(value) is tuple and value == present[field] and _are_floats(value))
+        }
+        if not changed:
+            return self
+        result = self.with_values(**changed)
+        result._check([known[field] for field in changed])
         return result
 
 

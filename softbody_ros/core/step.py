@@ -68,6 +68,15 @@ class SolverWork(NamedTuple):
     """problems, of an island's positions or velocities, not solved to tolerance in time"""
 
 
+class Kinds(NamedTuple):
+    """Indices of bodies: all, those with pins, those that fly to goals and the others."""
+
+    all: np.ndarray
+    held: np.ndarray
+    to_goals: np.ndarray
+    modal: np.ndarray
+
+
 class Integrator:
     """
     Advances a state by ticks; owns their scratch memory.
@@ -91,9 +100,18 @@ class Integrator:
     def update(self) -> None:
         """Update what depends on the modes and pins of the bodies, after they change."""
         bodies = self._state.bodies
-        self._to_goals = (bodies['pins'] > 0) | bodies['follows_goals']
+        self._kinds: Kinds | None = None
         # whether collisions between bodies, or of one with itself, are possible
         self._any_pairs = len(bodies) > 1 or bool((bodies['regions'] > 1).any())
+
+    def _chosen(self, indices: np.ndarray) -> Kinds:
+        """Return bodies (c,) by what a tick does with them, mostly the same as in the last one."""
+        if self._kinds is None or self._kinds.all is not indices:
+            bodies = self._state.bodies[indices]
+            has_pins = bodies['pins'] > 0
+            to_goals = has_pins | bodies['follows_goals']
+            self._kinds = Kinds(indices, indices[has_pins], indices[to_goals], indices[~to_goals])
+        return self._kinds
 
     def take_tick(self, awake: np.ndarray, environment: Environment, h: float) -> None:
         """
@@ -115,7 +133,7 @@ class Integrator:
 
         """
         state, obstacles = self._state, environment.records
-        held = awake[state.bodies['pins'][awake] > 0]
+        held = self._chosen(awake).held
         pinned = state.bodies, held, state.pinned, state.pin_offset, obstacles
         if len(held):
             pins.follow_obstacles(*pinned, state.x, h)
@@ -133,18 +151,17 @@ class Integrator:
 
     def fly(self, chosen: np.ndarray, gravity: np.ndarray, h: float) -> None:
         """Move bodies (c,) as they fly without contacts."""
-        state, to_goals = self._state, self._to_goals[chosen]
+        state, kinds, failed = self._state, self._chosen(chosen), 0
         shapes = state.shapes, state.weights, state.q, state.x, state.v
         matches = state.stretch, state.match_centre, state.match_posture, state.regions
-        others, failed = chosen[to_goals], 0
-        if len(others) < len(chosen):
+        if len(kinds.modal):
             failed = modal_flight.fly(
-                state.bodies, chosen[~to_goals], *shapes, *matches, state.member,
+                state.bodies, kinds.modal, *shapes, *matches, state.member,
                 state.weighted_features, state.faces, gravity, h,
             )  # fmt: skip
-        if len(others) and not failed:
+        if len(kinds.to_goals) and not failed:
             failed = goal_flight.fly_to_goals(
-                state.bodies, others, *shapes, *matches, state.member, state.features,
+                state.bodies, kinds.to_goals, *shapes, *matches, state.member, state.features,
                 state.weighted_features, state.pinned, gravity, h,
             )  # fmt: skip
         if failed:

@@ -233,7 +233,7 @@ class World:
                 f'tick {self.tick}, reset it or lower the velocities'
             ) from error
         if moved is not self._obstacles:
-            self._set_obstacles(moved, placed=False)
+            self._put_obstacles(moved)
         self._inputs = inputs
         self._follow_holders(placed=False)
         self.tick += 1
@@ -843,13 +843,23 @@ class World:
         if others:
             self._replace_bodies(chosen)
 
-    def _set_obstacles(self, present: tuple[Obstacle, ...], placed: bool = True) -> None:
+    def _put_obstacles(self, present: tuple[Obstacle, ...]) -> None:
         self._obstacles = present
         self._obstacles_move = any(
             obstacle.moves or obstacle.before is not None for obstacle in present
         )
+
+    def _replace_obstacle(self, index: int, new: Obstacle) -> None:
+        """Put an obstacle of the same name in the place of another one."""
+        before = self._obstacles[index]
+        self._put_obstacles((*self._obstacles[:index], new, *self._obstacles[index + 1 :]))
+        self._follow_holders(placed=True)
+        self._wake_near([before, new])
+
+    def _set_obstacles(self, present: tuple[Obstacle, ...]) -> None:
+        self._put_obstacles(present)
         self._state.use_obstacles(self.obstacle_keys, self.tick)
-        self._follow_holders(placed)
+        self._follow_holders(placed=True)
 
     # ------------------------------------------------------------------------------ attachments
     def _check_attachment(self, index: int, config: BodyConfig) -> None:
@@ -1113,7 +1123,7 @@ class World:
             self._wake(slice(None))
         for index, (before, after) in enumerate(zip(old.obstacles, config.obstacles, strict=True)):
             if before != after:
-                self._reconfigure_obstacle(index, after)
+                self._replace_obstacle(index, _reconfigured(self._obstacles[index], after))
         repinned = False
         for index, body in enumerate(self._bodies):
             if body.config != config.bodies[index]:
@@ -1121,12 +1131,6 @@ class World:
         if repinned:
             self._use_pins()
         self._integrator.update()
-
-    def _reconfigure_obstacle(self, index: int, config: ObstacleConfig) -> None:
-        current = self._obstacles[index]
-        new = _reconfigured(current, config)
-        self._set_obstacles((*self._obstacles[:index], new, *self._obstacles[index + 1 :]))
-        self._wake_near([current, new])
 
     def _reconfigure_body(self, index: int, config: BodyConfig) -> bool:
         """Use another config for a body; return whether its pins have changed."""
@@ -1186,8 +1190,7 @@ class World:
         if obstacles.is_same(current, new):
             return
         self.config = self.config.with_obstacle(index, config)
-        self._set_obstacles((*self._obstacles[:index], new, *self._obstacles[index + 1 :]))
-        self._wake_near([current, new])
+        self._replace_obstacle(index, new)
 
     def move_pins(
         self, name: str, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0)

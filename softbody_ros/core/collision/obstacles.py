@@ -159,15 +159,6 @@ class Obstacle:
         return distance, normal
 
     @property
-    def edge_points(self) -> tuple[np.ndarray, float]:
-        """
-        Points (k, 3) on corners and edges, in its own frame, and the radius of balls there, m.
-
-        They could pass between the particles of a body.
-        """
-        return self.shape.edge_points
-
-    @property
     def triangles(self) -> np.ndarray:
         """(3 m, 3) float: corners of the triangles of its tessellation, in its own frame, m."""
         surface = self.shape.surface
@@ -312,7 +303,7 @@ class ObstacleTable:
             record['tree'] = trees.index(obstacle.tree) if obstacle.tree else -1
             if before is None or before.shape is not obstacle.shape:
                 _put_shape(record, obstacle.shape)
-            if before is None or before.config is not obstacle.config:
+            if before is None or _surface_of(before) != _surface_of(obstacle):
                 _put_surface(record, obstacle)
             record['moved'] = obstacle.before is not None
             pose = (obstacle.position, obstacle.rotation)
@@ -326,6 +317,15 @@ def _put_shape(record: np.void, shape: Shape) -> None:
     record['half_extents'] = shape.half_extents
     record['bounding_radius'] = shape.bounding_radius
     record['ccd_threshold'] = shape.ccd_threshold
+
+
+def _surface_of(obstacle: Obstacle) -> tuple[object, ...]:
+    """Return all that `_put_surface` depends on."""
+    config = obstacle.config
+    return (
+        config.name, config.velocity_linear, config.velocity_angular, config.surface_velocity,
+        config.friction, config.elasticity,
+    )  # fmt: skip
 
 
 def _put_surface(record: np.void, obstacle: Obstacle) -> None:
