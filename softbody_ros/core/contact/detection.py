@@ -36,7 +36,16 @@ from softbody_ros.core.contact.rows import (
 )
 from softbody_ros.core.contact.working_set import LEVER, SOFT_MARGIN, is_calm
 from softbody_ros.core.geometry.bvh import Trees
-from softbody_ros.core.geometry.vectors import ZERO, applied, dot, matrix_of, norm, plus, vector_of
+from softbody_ros.core.geometry.vectors import (
+    ZERO,
+    applied,
+    dot,
+    matrix_of,
+    minus,
+    norm,
+    plus,
+    vector_of,
+)
 from softbody_ros.core.shape_matching.flight_map import put_start_shape
 
 CONTACTS_PER_PARTICLE = 3
@@ -206,10 +215,11 @@ def begin_members(
         member['margin'] = (SOFT_MARGIN if member['is_soft'] else MARGIN) * scale
         rate = applied(matrix_of(member['inverse_inertia']), vector_of(member['angular_momentum']))
         turning = norm(rate) + norm(vector_of(member['carried']))
-        member['margin'] += h * (norm(vector_of(member['velocity'])) + scale * turning)
-        near, speed = find_near_obstacles(body, member, obstacles, x)
-        # they may push it as far into others
-        member['margin'] += h * speed
+        member['margin'] += h * scale * turning
+        speed = norm(vector_of(member['velocity']))
+        near, change = find_near_obstacles(body, member, h * speed, obstacles, x)
+        # so much its velocity may change, if what it meets stops it or takes it along
+        member['margin'] += h * (max(speed, change) if others else change)
         member['nearby'] = member['widest'] = member['margin']
         if member['is_soft'] and (others or near):
             distance, coasting = put_start_shape(body, x[now], v[now], x[1 - now], flown, h)
@@ -327,13 +337,17 @@ def is_fixed(member: np.void) -> bool:
 
 @helper
 def find_near_obstacles(
-    body: np.void, member: np.void, obstacles: np.ndarray, x: np.ndarray
+    body: np.void, member: np.void, way: float, obstacles: np.ndarray, x: np.ndarray
 ) -> tuple[bool, float]:
-    """Return whether a body may touch obstacles in this tick, and how fast these are, m/s."""
+    """
+    Return whether a body may touch obstacles in this tick, and its speed relative to these, m/s.
+
+    That of the fastest; `way`, m, is how far from its flight the body might stay.
+    """
     x0, x1 = x[body['now']], x[1 - body['now']]
     low, high = bounds_of(x1, body['first'], body['surface'])
     low_before, high_before = bounds_of(x0, body['first'], body['surface'])
-    reach, found, speed = body['thickness'] + member['margin'], False, 0.0
+    reach, found, speed = body['thickness'] + member['margin'] + way, False, 0.0
     reach += MARGIN * member['scale']
     for which in range(len(obstacles)):
         obstacle = obstacles[which]
@@ -351,7 +365,8 @@ def find_near_obstacles(
             near = may_touch(obstacle, low, high, low_before, high_before, reach)
         if near:
             found = True
-            speed = max(speed, norm(velocity_at(obstacle, vector_of(member['centre']))))
+            velocity = velocity_at(obstacle, vector_of(member['centre']))
+            speed = max(speed, norm(minus(velocity, vector_of(member['velocity']))))
     return found, speed
 
 
