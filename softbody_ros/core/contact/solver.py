@@ -54,8 +54,9 @@ number): if it seems to take no more, they go on. And the most of them."""
 FIRST_SWEEPS, FEW_ACT = 2, 0.75
 """Sweeps over all contacts at first, before those over the contacts that act; and the share of
 these up to which others are left out."""
-FEW_MODES = 6
-"""Of bodies, up to which a step of Newton's method costs little more than SWEEPS sweeps."""
+FEW_MODES, FEW_BODIES = 6, 4
+"""Of bodies, and bodies of so few modes, up to which Newton's method costs little more than SWEEPS
+sweeps."""
 LARGE_SWEEPS, LARGE_SWEEPS_FEW, SHARED_SWEEPS = 40, 30, 3
 """Most sweeps of islands that are too large for Newton's method, the same of bodies with few
 modes, and those after each model."""
@@ -103,6 +104,7 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
     is_viscous = distribute_viscous_friction(problem)
     sum_forces(problem)
     is_large = len(problem.counts) > len(problem.filled)
+    is_small = are_few and len(problem.counts) <= FEW_BODIES
     limit, enough = MOST_SWEEPS, ENOUGH_SWEEPS * len(problem.counts) ** 2
     if is_large:
         limit = LARGE_SWEEPS_FEW if are_few else LARGE_SWEEPS
@@ -123,7 +125,7 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
             count = find_acting(rows, acting)
         is_worth_while = count <= FEW_ACT * len(rows)
         over_all = sweeps < FIRST_SWEEPS or sweeps % period == 0 or not is_worth_while
-        if are_few and not is_large and sweeps == SWEEPS:
+        if is_small and sweeps == SWEEPS:
             break
         if sweeps % SWEEPS == 1:
             if not is_large and sweeps_ahead(before, residual, tolerance) > enough:
