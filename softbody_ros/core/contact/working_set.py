@@ -265,6 +265,8 @@ def take_closed(
     All in one loop: arrays would be counted (an atomic operation of the processor) each time that
     they are passed on.
     """
+    if len(waiting) == 0:
+        return working
     bodies, shapes, q, place_of = flight.bodies, flight.shapes, flight.q, flight.place_of
     fits = np.empty((3, len(members) * QUADRATIC_FEATURES))
     for number in range(len(members)):
