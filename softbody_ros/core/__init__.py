@@ -21,13 +21,13 @@ which are matched only. A tick is a sequence of stages (step.py), each one or se
    the body as a rigid one (rigid_motion, free_rotation). Bodies with regions or pins:
    goal_flight.py, each particle as an oscillator about its goal (goals.py, eq. 9, 10; regions;
    pins). The result is a linear map of all particles (flight_map).
-2. contact/resolution.py, all contacts of bodies with obstacles, points and each other: found by
-   collision/obstacle_contacts.py (shapes in collision/shapes.py, meshes in geometry/bvh.py) and
-   collision/body_contacts.py (broad_phase, narrow_phase), as rows (rows.py) of one problem for
-   each island (problem.py), of bodies that yield by their modes (members.py), solved (solver.py,
-   newton.py) once for positions and once for velocities. The equations are in
-   docs/explanation/contact.md.
-3. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
+2. contact/detection.py, all contacts of bodies with obstacles, points and each other, as rows
+   (rows.py): found by collision/obstacle_contacts.py (shapes in collision/shapes.py, meshes in
+   geometry/bvh.py) and collision/body_contacts.py (broad_phase, narrow_phase).
+3. contact/resolution.py: one problem for each island (problem.py, working_set.py), of bodies that
+   yield by their modes (members.py), solved (solver.py, newton.py) once for positions and once
+   for velocities. The equations are in docs/explanation/contact.md.
+4. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
 
 What contacts exert in a tick, each stage adds to the results of contact/exchange.py, which are
 integrated over time (contact_forces.py); mean_wrenches.py has the means for readers.

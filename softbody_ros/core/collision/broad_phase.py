@@ -251,8 +251,8 @@ def find_points(
     first_point = found
     for number in range(len(sets)):
         found = append_points(
-            points, sets[number], len(awake) + number, low, high, first, piece_low, piece_high,
-            found, candidates,
+            points, sets[number], len(awake) + number, bodies, awake, shapes, low, high, first,
+            piece_low, piece_high, found, candidates,
         )  # fmt: skip
     if first_point < found <= len(candidates):
         return discard_distant(bodies, awake, shapes, x, first_point, found, candidates)
@@ -264,6 +264,9 @@ def append_points(
     points: np.ndarray,
     point_set: np.void,
     number: int,
+    bodies: np.ndarray,
+    awake: np.ndarray,
+    shapes: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
     first: np.ndarray,
@@ -277,14 +280,16 @@ def append_points(
     end, allowance = begin + point_set['count'], point_set['allowance']
     own = points[begin:end]
     for other in range(len(low)):
-        for i in range(begin + first_beyond(own, low[other, 0] - radius), end):
+        # what is only as deep as is tolerated, such as the edge of a finger that presses, is none
+        reach = radius - allowance * shapes[bodies[awake[other]]['shape']]['scale']
+        for i in range(begin + first_beyond(own, low[other, 0] - reach), end):
             point = (points[i, 0], points[i, 1], points[i, 2])
-            if not point[0] < high[other, 0] + radius:
+            if not point[0] < high[other, 0] + reach:
                 break
-            if not is_inside(point, low[other], high[other], radius):
+            if not is_inside(point, low[other], high[other], reach):
                 continue
             for box in range(first[other], first[other + 1]):
-                if not is_inside(point, piece_low[box], piece_high[box], radius):
+                if not is_inside(point, piece_low[box], piece_high[box], reach):
                     continue
                 if found < len(candidates):
                     candidate = candidates[found]
