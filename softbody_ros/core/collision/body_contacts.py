@@ -16,7 +16,7 @@ from softbody_ros.core.collision.broad_phase import (
 from softbody_ros.core.collision.collision_surface import SurfaceArrays
 from softbody_ros.core.collision.narrow_phase import CONTACT, find_contacts
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping_codes
+from softbody_ros.core.geometry.bounding_boxes import bound_body, overlapping_codes
 
 
 @helper
@@ -88,7 +88,7 @@ def find_candidates(
     for place in range(count):
         body = bodies[chosen[place]]
         margin[place] = body['reach'] + SLACK * shapes[body['shape']]['scale']
-    bound_bodies(bodies, chosen, x, 1, margin, low, high)
+        bound_body(body, x[1 - body['now']], margin[place], low[place], high[place])
     codes = pairs_to_search(bodies, chosen, low, high)
     if len(codes) == 0 and len(sets) == 0:
         return np.empty(0, CANDIDATE)

@@ -147,13 +147,19 @@ def bound_bodies(
     """
     for place in range(len(indices)):
         body = bodies[indices[place]]
-        half = body['now'] ^ ahead
-        first = body['first']
-        end = first + body['surface']
-        for axis in range(3):
-            least, largest = bounds_of(x[half, axis, first:end])
-            low[place, axis] = least - margin[place]
-            high[place, axis] = largest + margin[place]
+        bound_body(body, x[body['now'] ^ ahead], margin[place], low[place], high[place])
+
+
+@helper
+def bound_body(
+    body: np.void, x: np.ndarray, margin: float, low: np.ndarray, high: np.ndarray
+) -> None:
+    """Write the box with corners (3,), m, around the surface of a body in positions x (3, N)."""
+    first = body['first']
+    end = first + body['surface']
+    for axis in range(3):
+        least, largest = bounds_of(x[axis, first:end])
+        low[axis], high[axis] = least - margin, largest + margin
 
 
 @helper
