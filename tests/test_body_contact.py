@@ -24,6 +24,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, Surface, World, WorldConfig, make_surface
+from softbody_ros.core.warm_up import everything
 
 MODES = ('rigid', 'linear', 'quadratic')
 H = 1 / 240
@@ -304,6 +305,59 @@ def test_a_crowd_keeps_its_momentum_and_angular_momentum():
         assert_kept(world, before, scale)
     changed = [np.linalg.norm(momentum(world, n) - v) > 0.1 for n, v in velocities.items()]
     assert sum(changed) > 8
+
+
+def row_of_balls(gap, h, mode='rigid'):
+    """Return a world of four balls of 5 cm along x with gaps, the first one of 5 m/s."""
+    radius = 0.05
+    places = [-0.3, *((2.0 * radius + gap) * number for number in range(3))]
+    balls = [
+        body(name=f'ball{number}', mode=mode, size=radius, subdivisions=2, mass=0.2,
+             position=(x, 0.0, 0.0), initial_velocity_linear=(5.0 * (number == 0), 0.0, 0.0))
+        for number, x in enumerate(places)
+    ]  # fmt: skip
+    return floating(*balls, h=h)
+
+
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240])
+@pytest.mark.parametrize('gap', [0.002, 0.01])
+def test_a_body_that_is_struck_gets_into_no_third_one(gap, h):
+    """It is displaced much farther than a body at rest looks for others."""
+    world = row_of_balls(gap, h)
+    before, scale = totals(world), sizes(world)
+    start = {name: momentum(world, name) for name in world.names}
+    for _ in range(round(0.12 / h)):
+        world.step()
+        centres = np.array([centre(world, name) for name in world.names])
+        assert np.linalg.norm(np.diff(centres, axis=0), axis=1).min() > 0.98 * 0.1
+        assert_kept(world, before, scale)
+    assert momentum(world, world.names[-1])[0] > 1.0
+    for name in world.names:  # what was computed in vain counts for nothing
+        given = 0.2 * (momentum(world, name) - start[name])
+        assert world.contact_impulse(name).impulse == pytest.approx(given, abs=1e-9)
+
+
+def test_a_flight_that_is_computed_once_more_is_the_same():
+    world = everything()  # rigid, with regions, pins, plasticity, …
+    world.step(20)
+    state, integrator = world._state, world._integrator
+
+    def flight():
+        integrator.fly(np.arange(len(world.names)), world.gravity, world.config.time_step)
+        arrays = (state.x, state.v, state.stretch, state.match_centre, state.match_posture)
+        return [each.tobytes() for each in (state.bodies, *arrays)]
+
+    once = flight()
+    assert flight() == once
+    world.step()  # the other half of `x` holds contacts, too
+    assert flight() != once
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_row_that_is_saved_and_restored_goes_on_bit_by_bit(mode):
+    world = row_of_balls(0.002, 1 / 60, mode)
+    world.step(2)
+    assert_goes_on_bit_by_bit(world, 6)
 
 
 def test_a_crowd_that_is_saved_and_restored_goes_on_bit_by_bit():

@@ -84,6 +84,8 @@ BODY = np.dtype(
         ('flowed', np.bool_),  # whether some is new in the tick being computed
         # results of the tick
         ('reach', np.float64),  # within which of it there may be contacts, m
+        ('displaced', np.float64),  # by contacts with bodies, 0 if not beyond that, m
+        ('pushed', np.float64),  # as far as it may be displaced, if another search was needed, m
         ('degeneracy', np.float64),  # 0 … 1, see shape_matching/matching.py
         # of mass; of its pins, if it has some: then all this is of motion that they allow
         ('centre', np.float64, (3,)),  # m

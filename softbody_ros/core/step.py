@@ -14,12 +14,20 @@ from softbody_ros.core.collision.collision_surface import NO_SURFACES, Collision
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact.detection import find_rows
-from softbody_ros.core.contact.exchange import accept_exchange, accept_holding, add_up
+from softbody_ros.core.contact.detection import find_missed, find_rows
+from softbody_ros.core.contact.exchange import (
+    accept_exchange,
+    accept_holding,
+    add_up,
+    forget_exchange,
+)
 from softbody_ros.core.contact.resolution import resolve
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.shape_matching import goal_flight, modal_flight, pins
 from softbody_ros.core.state import Body, State
+
+SEARCHES = 8
+"""For contacts in a tick, at most: after each, bodies that are pushed by others are looked at."""
 
 
 class SimulationError(ArithmeticError):
@@ -137,9 +145,15 @@ class Integrator:
         pinned = state.bodies, held, state.pinned, state.pin_offset, obstacles
         if len(held):
             pins.follow_obstacles(*pinned, state.x, h)
-        self.fly(awake, environment.gravity, h)
-        members, rows = self.find_rows(awake, environment, h)
-        memory = self.resolve_rows(members, rows, environment, h)
+        for search in range(SEARCHES):
+            self.fly(awake, environment.gravity, h)
+            members, rows, met = self.find_rows(awake, environment, h)
+            memory, is_far = self.resolve_rows(members, rows, environment, h)
+            if search == SEARCHES - 1 or not is_far or not self._misses(awake, environment, met):
+                break
+            forget_exchange(state.bodies, awake, state.obstacle_impulse, state.normal_impulse)
+        if search > 0:
+            state.bodies['pushed'] = 0.0
         if len(held):
             pins.hold(*pinned, state.x, state.v, h)
         accept(
@@ -173,8 +187,8 @@ class Integrator:
 
     def find_rows(
         self, chosen: np.ndarray, environment: Environment, h: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Find all contacts of bodies (m,); return these as MEMBERs, and the rows (k,) ROW."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Find all contacts of bodies (m,): see `detection.find_rows`."""
         state, sets = self._state, environment.sets
         others = self._any_pairs or len(sets) > 0
         return find_rows(
@@ -185,10 +199,18 @@ class Integrator:
             state.is_pinned, self._capacity,
         )  # fmt: skip
 
+    def _misses(self, chosen: np.ndarray, environment: Environment, met: np.ndarray) -> bool:
+        """Return whether bodies (m,) are within others that they had not met before."""
+        state = self._state
+        return find_missed(
+            state.bodies, chosen, state.shapes, state.q, state.x, state.match_centre,
+            state.match_posture, environment.surfaces.arrays, met, self._capacity,
+        )  # fmt: skip
+
     def resolve_rows(
         self, members: np.ndarray, rows: np.ndarray, environment: Environment, h: float
-    ) -> np.ndarray:
-        """Resolve the contacts (k,) ROW of MEMBERs (m,); return the forces to remember."""
+    ) -> tuple[np.ndarray, bool]:
+        """Resolve the contacts (k,) ROW of MEMBERs (m,): see `resolution.resolve`."""
         state = self._state
         return resolve(
             state.bodies, state.shapes, state.weights, state.q, state.x, state.v, self._flown,

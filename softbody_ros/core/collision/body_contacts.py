@@ -61,53 +61,90 @@ def find_body_contacts(
         number of these
 
     """
-    candidates = find_candidates(bodies, chosen, shapes, x, surfaces, points, sets, capacity)
-    contacts = np.empty(len(candidates), CONTACT)
-    found = find_contacts(
-        bodies, chosen, shapes, q, surfaces.surfaces, surfaces.faces, surfaces.piece_of_face,
-        surfaces.normals, surfaces.origins, surfaces.trees, x, match_centre, match_posture,
-        candidates, contacts,
+    low, high, margin = bound_all(bodies, chosen, shapes, x)
+    codes = pairs_to_search(bodies, chosen, low, high)
+    return find_contacts_of_pairs(
+        bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, codes, points, sets,
+        low, high, margin, capacity,
     )  # fmt: skip
-    return contacts[:found], len(candidates)
 
 
 @helper
-def find_candidates(
-    bodies: np.ndarray,
-    chosen: np.ndarray,
-    shapes: np.ndarray,
-    x: np.ndarray,
-    surfaces: SurfaceArrays,
-    points: np.ndarray,
-    sets: np.ndarray,
-    capacity: int,
-) -> np.ndarray:
-    """Return particles and points that may be near faces of bodies, (q,) CANDIDATE."""
+def bound_all(
+    bodies: np.ndarray, chosen: np.ndarray, shapes: np.ndarray, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the boxes of bodies with their reach: corners (c, 3), m, and that margin (c,), m."""
     count = len(chosen)
-    margin, low, high = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
+    low, high, margin = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     for place in range(count):
         body = bodies[chosen[place]]
         margin[place] = body['reach'] + SLACK * shapes[body['shape']]['scale']
         bound_body(body, x[1 - body['now']], margin[place], low[place], high[place])
-    codes = pairs_to_search(bodies, chosen, low, high)
+    return low, high, margin
+
+
+@helper
+def find_contacts_of_pairs(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    shapes: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    surfaces: SurfaceArrays,
+    codes: np.ndarray,
+    points: np.ndarray,
+    sets: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    margin: np.ndarray,
+    capacity: int,
+) -> tuple[np.ndarray, int]:
+    """
+    Find the contacts of pairs of bodies, and of points.
+
+    Parameters
+    ----------
+    codes : (p,) int
+        pairs, see `broad_phase.find_particles`
+    low, high, margin
+        see `bound_all`
+    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, points, sets, capacity
+        see `find_body_contacts`
+
+    Returns
+    -------
+    contacts : (j,) CONTACT
+    candidates : int
+        number of these
+
+    """
     if len(codes) == 0 and len(sets) == 0:
-        return np.empty(0, CANDIDATE)
+        return np.empty(0, CONTACT), 0
     first, piece_low, piece_high = bound_pieces(
         bodies, chosen, surfaces.surfaces, surfaces.pieces, surfaces.covered, x, margin, low, high
     )
+    candidates, number = np.empty(capacity, CANDIDATE), 0
     while True:
-        candidates = np.empty(capacity, CANDIDATE)
-        found = find_particles(
+        number = find_particles(
             bodies, chosen, surfaces.surfaces, surfaces.pieces, surfaces.particles,
             surfaces.may_collide, x, codes, low, high, first, piece_low, piece_high, candidates,
         )  # fmt: skip
-        found = find_points(
+        number = find_points(
             bodies, chosen, shapes, x, points, sets, low, high, first, piece_low, piece_high,
-            found, candidates,
+            number, candidates,
         )  # fmt: skip
-        if found <= capacity:
-            return candidates[:found]
-        capacity = found
+        if number <= len(candidates):
+            break
+        candidates = np.empty(number, CANDIDATE)
+    contacts = np.empty(number, CONTACT)
+    found = find_contacts(
+        bodies, chosen, shapes, q, surfaces.surfaces, surfaces.faces, surfaces.piece_of_face,
+        surfaces.normals, surfaces.origins, surfaces.trees, x, match_centre, match_posture,
+        candidates[:number], contacts,
+    )  # fmt: skip
+    return contacts[:found], number
 
 
 @helper

@@ -12,8 +12,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from softbody_ros.core.collision.body_contacts import find_body_contacts
+from softbody_ros.core.collision.body_contacts import (
+    bound_all,
+    find_body_contacts,
+    find_contacts_of_pairs,
+)
 from softbody_ros.core.collision.collision_surface import SurfaceArrays
+from softbody_ros.core.collision.fixed_points import POINT_SET
 from softbody_ros.core.collision.narrow_phase import CONTACT as FACE_CONTACT
 from softbody_ros.core.collision.obstacle_contacts import (
     CONTACT,
@@ -35,6 +40,7 @@ from softbody_ros.core.contact.rows import (
     side_of,
 )
 from softbody_ros.core.contact.working_set import LEVER, SOFT_MARGIN, is_calm
+from softbody_ros.core.geometry.bounding_boxes import overlapping_codes
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
     ZERO,
@@ -53,6 +59,8 @@ CONTACTS_PER_PARTICLE = 3
 PASSES = 3
 """Searches: once for those that are steady, and again where others are not; then all have their
 widest margins."""
+TOLERATED = 1e-5
+"""Depth in a body that was not met before, in RMS radii, up to which the next tick mends it."""
 MARGIN = 0.01
 """Distance, in RMS radii, within which contacts of rigid bodies are rows that are not made yet."""
 CALM = 0.01
@@ -83,7 +91,7 @@ def find_rows(
     reaction: np.ndarray,
     is_pinned: np.ndarray,
     capacity: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     Find all contacts of bodies after their flight.
 
@@ -126,6 +134,8 @@ def find_rows(
     -------
     members : (m,) MEMBER
     rows : (k,) ROW
+    met : (p,) int
+        pairs of members that have contacts, as increasing codes: m times one plus another
 
     """
     members, most = np.zeros(len(chosen), MEMBER), 0
@@ -172,7 +182,74 @@ def find_rows(
         searches += 1
         if not confirm_steady(bodies, members, rows[:found], memory, searches > 1):
             break
-    return members, rows[:found]
+    return members, rows[:found], pairs_of(contacts, len(members))
+
+
+@helper
+def pairs_of(contacts: np.ndarray, count: int) -> np.ndarray:
+    """Return the pairs of bodies of contacts, which are in the order of these."""
+    codes, found, last = np.empty(len(contacts), np.int64), 0, -1
+    for contact in contacts:
+        one, two = contact['body'], contact['other']
+        code = count * min(one, two) + max(one, two)
+        if one < count and code != last:
+            codes[found], last = code, code
+            found += 1
+    return codes[:found]
+
+
+@kernel
+def find_missed(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    shapes: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    match_centre: np.ndarray,
+    match_posture: np.ndarray,
+    surfaces: SurfaceArrays,
+    met: np.ndarray,
+    capacity: np.ndarray,
+) -> bool:
+    """
+    Return whether bodies are within others which they had not met before.
+
+    A contact can displace a body farther than it had looked for others. Then all may be computed
+    once more: such pairs will look as far as that.
+
+    Parameters
+    ----------
+    met, capacity
+        see `find_rows`
+    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces
+        see `find_rows`, after the tick
+
+    """
+    for number in chosen:
+        bodies[number]['reach'] = bodies[number]['thickness']
+    low, high, margin = bound_all(bodies, chosen, shapes, x)
+    codes, left, known = overlapping_codes(low, high), 0, 0
+    for code in codes:
+        while known < len(met) and met[known] < code:
+            known += 1
+        one, two = bodies[chosen[code // len(chosen)]], bodies[chosen[code % len(chosen)]]
+        is_new = known == len(met) or met[known] != code
+        if is_new and max(one['displaced'], two['displaced']) > 0.0:
+            codes[left] = code
+            left += 1
+    contacts, _ = find_contacts_of_pairs(
+        bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, codes[:left],
+        np.empty((0, 3)), np.empty(0, POINT_SET), low, high, margin, capacity[1],
+    )  # fmt: skip
+    misses = False
+    for contact in contacts:
+        one, two = bodies[chosen[contact['body']]], bodies[chosen[contact['other']]]
+        scale = min(shapes[one['shape']]['scale'], shapes[two['shape']]['scale'])
+        if contact['depth'] > TOLERATED * scale:
+            misses = True
+            way = max(one['displaced'], two['displaced'])
+            one['pushed'], two['pushed'] = max(one['pushed'], way), max(two['pushed'], way)
+    return misses
 
 
 @helper
@@ -219,7 +296,8 @@ def begin_members(
         speed = norm(vector_of(member['velocity']))
         near, change = find_near_obstacles(body, member, h * speed, obstacles, x)
         # so much its velocity may change, if what it meets stops it or takes it along
-        member['margin'] += h * (max(speed, change) if others else change)
+        member['margin'] += h * (max(speed, change) if others else change) + body['pushed']
+        body['displaced'] = 0.0
         member['nearby'] = member['widest'] = member['margin']
         if member['is_soft'] and (others or near):
             distance, coasting = put_start_shape(body, x[now], v[now], x[1 - now], flown, h)

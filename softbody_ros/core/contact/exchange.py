@@ -25,7 +25,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softbody_ros.core.compiled import helper
+from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.geometry.vectors import (
     ZERO,
     Vector,
@@ -92,14 +92,32 @@ def accept_exchange(
         moment = plus(moment, cross(offset, impulse))
     put_vector(reaction[0], scaled(1.0 / h, impulse))
     put_vector(reaction[1], scaled(1.0 / h, moment))
-    before = 1 - body['now']
-    if body['touches'][before] > 0:
-        body['touches'][before] = 0
+    clear(body, 1 - body['now'], own, normal_impulse)
+
+
+@helper
+def clear(body: np.void, half: int, own: np.ndarray, normal_impulse: np.ndarray) -> None:
+    """Clear what contacts of a body have exchanged, in one half."""
+    if body['touches'][half] > 0:
+        body['touches'][half] = 0
         for number in range(own.shape[1]):
-            put_vector(own[before, number, 0], ZERO)
-            put_vector(own[before, number, 1], ZERO)
+            put_vector(own[half, number, 0], ZERO)
+            put_vector(own[half, number, 1], ZERO)
         for i in range(body['first'], body['first'] + body['count']):
-            normal_impulse[before, i] = 0.0
+            normal_impulse[half, i] = 0.0
+
+
+@kernel
+def forget_exchange(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    obstacle_impulse: np.ndarray,
+    normal_impulse: np.ndarray,
+) -> None:
+    """Clear what contacts of bodies (c,) have exchanged in the tick that is being computed."""
+    for number in chosen:
+        body = bodies[number]
+        clear(body, 1 - body['now'], obstacle_impulse[number], normal_impulse)
 
 
 @helper

@@ -168,7 +168,7 @@ def resolve(
     normal_impulse: np.ndarray,
     work: np.ndarray,
     is_pinned: np.ndarray,
-) -> np.ndarray:
+) -> tuple[np.ndarray, bool]:
     """
     Move bodies by the forces of their contacts, from the flight to the end of the tick.
 
@@ -193,6 +193,9 @@ def resolve(
     -------
     memory : (r,) MEMORY
         forces to remember, in order of their keys
+    is_far : bool
+        whether contacts with other bodies have displaced some body farther than it has looked for
+        others: as said in its record
 
     """
     count, status = len(members), np.empty(len(rows), np.int64)
@@ -207,7 +210,8 @@ def resolve(
         first_waiting, waiting,
     )  # fmt: skip
     all_particles, remembered = np.empty(4 * len(own), PARTICLE), np.empty(len(own), MEMORY)
-    flight, kept = Flight(bodies, shapes, weights, q, v, flown, is_pinned, place_of), 0
+    flight = Flight(bodies, shapes, weights, q, v, flown, is_pinned, place_of)
+    kept, is_far = 0, False
     for root in range(count):
         first, last = first_row[root], first_row[root]
         together = inside[first_body[root] : first_body[root + 1]]
@@ -240,11 +244,37 @@ def resolve(
                     shape = shapes[body['shape']]
                     write_soft_body(body, shape, member, q, x, v, meets)
             elif meets:
+                if len(together) > 1:
+                    put_flown(body, x[1 - body['now']], flown)
                 write_body(body, member, x, v)
         for particle in particles:
             write_particle(particle, together, bodies, x, v)
             place_of[particle['column']] = -1
-    return in_order(remembered[:kept])
+        if meets and len(together) > 1:
+            for member in together:
+                body = bodies[member['body']]
+                way = displacement(body, x[1 - body['now']], flown)
+                if way > member['nearby']:
+                    body['displaced'], is_far = way, True
+    return in_order(remembered[:kept]), is_far
+
+
+@helper
+def put_flown(body: np.void, x: np.ndarray, flown: np.ndarray) -> None:
+    """Keep the positions (3, N) of the surface of a rigid body after its flight."""
+    for axis in range(3):
+        for i in range(body['first'], body['first'] + body['surface']):
+            flown[axis, i] = x[axis, i]
+
+
+@helper
+def displacement(body: np.void, x: np.ndarray, flown: np.ndarray) -> float:
+    """Return how far contacts have displaced the surface of a body from its flight, m."""
+    square = 0.0
+    for i in range(body['first'], body['first'] + body['surface']):
+        way = minus(column_of(x, i), column_of(flown, i))
+        square = max(square, dot(way, way))
+    return math.sqrt(square)
 
 
 @helper
