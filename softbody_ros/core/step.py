@@ -27,7 +27,7 @@ from softbody_ros.core.shape_matching import goal_flight, modal_flight, pins
 from softbody_ros.core.state import Body, State
 
 SEARCHES = 8
-"""For contacts in a tick, at most: after each, bodies that are pushed by others are looked at."""
+"""How often a tick is computed, at most: again where bodies have been pushed into third ones."""
 
 
 class SimulationError(ArithmeticError):

@@ -140,19 +140,9 @@ def find_rows(
     """
     members, most = np.zeros(len(chosen), MEMBER), 0
     begin_members(
-        bodies,
-        chosen,
-        shapes,
-        x,
-        v,
-        flown,
-        obstacles,
-        h,
-        others,
-        len(memory) > 0,
-        reaction,
+        bodies, chosen, shapes, x, v, flown, obstacles, h, others, len(memory) > 0, reaction,
         members,
-    )
+    )  # fmt: skip
     for number in chosen:
         most = max(most, bodies[number]['count'])
     near, rows = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT), np.empty(capacity[0], ROW)
@@ -212,17 +202,14 @@ def find_missed(
     capacity: np.ndarray,
 ) -> bool:
     """
-    Return whether bodies are within others which they had not met before.
+    Return whether bodies that were displaced are within others that they had not met before.
 
-    A contact can displace a body farther than it had looked for others. Then all may be computed
-    once more: such pairs will look as far as that.
+    Such pairs will look for contacts as far as that, when the tick is computed once more.
 
     Parameters
     ----------
-    met, capacity
-        see `find_rows`
-    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces
-        see `find_rows`, after the tick
+    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, met, capacity
+        see `find_rows`; positions at the end of the tick
 
     """
     for number in chosen:
