@@ -393,10 +393,10 @@ def test_nothing_depends_on_what_was_in_memory_before(monkeypatch):
     random = np.random.default_rng(1)
 
     def with_forces_of_another_scene(*arguments):
-        members, rows = find_rows(*arguments)
+        members, rows, met = find_rows(*arguments)
         for field in ('force', 'radius', 'disc_change', 'target', 'bias', 'free', 'positional'):
             rows[field] = random.normal(size=rows[field].shape)
-        return members, rows
+        return members, rows, met
 
     for _ in range(150):
         clean.step()

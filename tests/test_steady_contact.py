@@ -34,7 +34,8 @@ def members(world):
     world._find_awake()
     environment = world._environment_of(world.obstacles, world._inputs)
     world._integrator.fly(world._awake, environment.gravity, H)
-    return world._integrator.find_rows(world._awake, environment, H)
+    members, rows, _ = world._integrator.find_rows(world._awake, environment, H)
+    return members, rows
 
 
 @pytest.mark.parametrize('mode', ['linear', 'quadratic'])

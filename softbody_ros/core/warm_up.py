@@ -218,6 +218,13 @@ def warm_up(before_contact: Callable[[], None] = lambda: None) -> None:
     # rigid bodies that touch no soft ones
     blocks = [_body(i, (0.0, 0.0, 0.29 + 0.58 * i), mesh='box', mode='rigid') for i in range(2)]
     World(WorldConfig(bodies=tuple(blocks))).step(2)
+    # a body is pushed into a third one, so that the tick is computed once more
+    velocities = (9.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    row = [
+        _body(i, (0.61 * i, 0.0, 9.0), mode='rigid', initial_velocity_linear=velocity)
+        for i, velocity in enumerate(velocities)
+    ]
+    World(WorldConfig(bodies=tuple(row))).step(2)
 
     resting = World(
         WorldConfig(
