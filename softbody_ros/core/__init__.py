@@ -43,7 +43,8 @@ from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, Wo
 from softbody_ros.core.contact_forces import ContactImpulse
 from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
-from softbody_ros.core.geometry.mesh import MeshError, MeshFrame, Surface, make_surface
+from softbody_ros.core.geometry.mesh import MeshFrame, make_surface
+from softbody_ros.core.geometry.surface import MeshError, Surface
 from softbody_ros.core.mean_wrenches import MeanWrenches
 from softbody_ros.core.prepared_config import PreparedConfig
 from softbody_ros.core.rigid_fit import RigidFit

@@ -21,16 +21,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from softbody_ros.core.geometry.mesh import (
-    LARGEST_MESH,
-    ORIGINS,
-    PRIMITIVES,
-    UPS,
-    MeshFrame,
-    Surface,
-)
+from softbody_ros.core.geometry.mesh import ORIGINS, PRIMITIVES, UPS, MeshFrame
 from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 from softbody_ros.core.geometry.simplification import FEWEST
+from softbody_ros.core.geometry.surface import LARGEST_MESH, Surface
 
 MODES = ('rigid', 'linear', 'quadratic')
 FRICTION_MODELS = ('viscous', 'coulomb')

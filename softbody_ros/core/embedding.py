@@ -37,7 +37,7 @@ import numpy as np
 
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry.bvh import Trees, closest_face, make_tree
-from softbody_ros.core.geometry.mesh import MeshError, Surface, vertex_normals
+from softbody_ros.core.geometry.surface import MeshError, Surface, vertex_normals
 from softbody_ros.core.geometry.vectors import (
     NO_MATRIX,
     ZERO,

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softbody_ros.core.geometry.mesh import vertex_normals
+from softbody_ros.core.geometry.surface import vertex_normals
 from softbody_ros.core.rigid_fit import rigid_field
 from softbody_ros.core.shape_matching.rest_shape import RestShape, weighted_mean
 from softbody_ros.core.shape_matching.rigid_motion import motion_of

@@ -13,7 +13,8 @@ from weakref import WeakValueDictionary
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.config import BodyConfig, ObstacleConfig, WorldConfig, settings
 from softbody_ros.core.embedding import Embedding
-from softbody_ros.core.geometry.mesh import PRIMITIVES, Surface
+from softbody_ros.core.geometry.mesh import PRIMITIVES
+from softbody_ros.core.geometry.surface import Surface
 from softbody_ros.core.shape_matching.regions import Regions
 from softbody_ros.core.shape_matching.rest_shape import RestShape
 

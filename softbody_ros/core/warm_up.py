@@ -26,7 +26,7 @@ from softbody_ros.core.config import OBSTACLE_TYPES, BodyConfig, ObstacleConfig,
 from softbody_ros.core.contact.members import MEMBER
 from softbody_ros.core.contact.rows import ROW
 from softbody_ros.core.external_inputs import ROBOT, ObstacleUpdate
-from softbody_ros.core.geometry.mesh import Surface
+from softbody_ros.core.geometry.surface import Surface
 from softbody_ros.core.kinematic_tree import FRAME, TURNS, motion_of, motions
 from softbody_ros.core.links import LinkShape, placements
 from softbody_ros.core.world import World

@@ -46,8 +46,9 @@ from softbody_ros.core.external_inputs import (
 )
 from softbody_ros.core.geometry.bounding_boxes import overlapping
 from softbody_ros.core.geometry.bvh import make_tree
-from softbody_ros.core.geometry.mesh import MeshError, Surface, make_surface
+from softbody_ros.core.geometry.mesh import make_surface
 from softbody_ros.core.geometry.simplification import simplified
+from softbody_ros.core.geometry.surface import MeshError, Surface
 from softbody_ros.core.prepared_config import (
     BYTES,
     PreparedConfig,

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from softbody_ros.core.geometry.bvh import SurfaceTree, Trees, make_tree, pack
-from softbody_ros.core.geometry.mesh import vertex_normals
+from softbody_ros.core.geometry.surface import vertex_normals
 from softbody_ros.core.shape_matching.regions import Regions
 from softbody_ros.core.shape_matching.rest_shape import RestShape
 

@@ -39,7 +39,8 @@ from softbody_ros.core.geometry.bvh import (
     pack,
     signed_distance_from_mesh,
 )
-from softbody_ros.core.geometry.mesh import PRIMITIVES, MeshError, Surface, make_surface
+from softbody_ros.core.geometry.mesh import PRIMITIVES, make_surface
+from softbody_ros.core.geometry.surface import MeshError, Surface
 from softbody_ros.core.geometry.vectors import (
     Vector,
     along,

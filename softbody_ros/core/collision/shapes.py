@@ -21,7 +21,8 @@ import trimesh
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.config import ObstacleConfig
 from softbody_ros.core.geometry.bvh import SurfaceTree
-from softbody_ros.core.geometry.mesh import Surface, make_surface
+from softbody_ros.core.geometry.mesh import make_surface
+from softbody_ros.core.geometry.surface import Surface
 from softbody_ros.core.geometry.vectors import Vector, norm, scaled
 
 PLANE, BOX, SPHERE, CAPSULE, CYLINDER, MESH = range(6)

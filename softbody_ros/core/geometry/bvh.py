@@ -27,7 +27,7 @@ import math
 import numpy as np
 
 from softbody_ros.core.compiled import helper, kernel
-from softbody_ros.core.geometry.mesh import MeshError, Surface
+from softbody_ros.core.geometry.surface import MeshError, Surface
 from softbody_ros.core.geometry.vectors import (
     Vector,
     along,

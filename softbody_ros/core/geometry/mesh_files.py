@@ -24,6 +24,7 @@ import numpy as np
 import trimesh
 
 from softbody_ros.core.geometry import dae, glb
+from softbody_ros.core.geometry.surface import MeshError
 
 FILE_TYPES = ('stl', 'obj', 'ply', 'off', 'glb', 'dae')
 LARGEST_FILE = 1 << 30
@@ -64,10 +65,6 @@ TO_Z_UP = {
     'x': np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)]),
 }
 """By the axis that points up in a file: what turns it to z up. Of x, as COLLADA 1.5 defines it."""
-
-
-class MeshError(ValueError):
-    """An unusable mesh: the message is one sentence with the reason."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,10 @@ from itertools import combinations
 
 import numpy as np
 
+from softbody_ros.core.geometry.bvh import make_tree
 from softbody_ros.core.geometry.mesh_edges import counted, edges_of, groups_of
 from softbody_ros.core.geometry.mesh_winding import TOUCHING, enclosed_volume, wound_alike
+from softbody_ros.core.geometry.surface import Surface
 
 MOST_SHEETS = 12
 """Number of sheets that meet each other, above which walls are not looked for among them."""
@@ -74,10 +76,6 @@ def _removable(incidence: np.ndarray) -> Iterator[list[int]]:
 
 def _are_inside(vertices: np.ndarray, walls: np.ndarray, rest: np.ndarray) -> bool:
     """Return whether triangles are inside what others enclose."""
-    # these modules are above this one
-    from softbody_ros.core.geometry.bvh import make_tree
-    from softbody_ros.core.geometry.mesh import Surface
-
     rest = wound_alike(rest, [])
     volume = enclosed_volume(vertices, rest)
     if not volume or not edges_of(rest).closed.all():

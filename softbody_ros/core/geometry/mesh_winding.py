@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from softbody_ros.core.geometry.bvh import make_tree
 from softbody_ros.core.geometry.mesh_edges import counted, edges_of, groups_of, parts_of
+from softbody_ros.core.geometry.surface import Surface
 
 SAMPLES = 64
 """Most vertices of a part by which it is decided whether it is inside another one."""
@@ -200,10 +202,6 @@ def _depths(
     depth = np.zeros(len(numbers), dtype=int)
     if len(numbers) < 2:
         return depth
-    # that module is above this one
-    from softbody_ros.core.geometry.bvh import make_tree
-    from softbody_ros.core.geometry.mesh import Surface
-
     boxes = [vertices[faces[own]].reshape(-1, 3) for own in numbers]
     low = np.array([box.min(axis=0) for box in boxes])
     high = np.array([box.max(axis=0) for box in boxes])

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softbody_ros.core.geometry.mesh import vertex_normals
 from softbody_ros.core.geometry.mesh_edges import edges_of, groups_of
+from softbody_ros.core.geometry.surface import vertex_normals
 
 CREASE = np.radians(50.0)
 """Dihedral angle at rest above which an edge stays sharp: of a box, not of a ball."""

@@ -15,9 +15,9 @@ import math
 import numpy as np
 import trimesh
 
-from softbody_ros.core.geometry.mesh import MeshError, Surface
 from softbody_ros.core.geometry.mesh_edges import edges_of
 from softbody_ros.core.geometry.mesh_winding import enclosed_volume
+from softbody_ros.core.geometry.surface import MeshError, Surface
 
 FEWEST = 8
 """Vertices below which hardly anything keeps its shape."""

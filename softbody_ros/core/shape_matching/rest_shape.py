@@ -11,7 +11,7 @@ from math import fsum
 
 import numpy as np
 
-from softbody_ros.core.geometry.mesh import MeshError, Surface
+from softbody_ros.core.geometry.surface import MeshError, Surface
 from softbody_ros.core.shape_matching.solid import fill
 
 LINEAR, QUADRATIC = 3, 9

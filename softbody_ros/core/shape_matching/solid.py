@@ -33,8 +33,8 @@ import math
 
 import numpy as np
 
-from softbody_ros.core.geometry.mesh import MeshError, Surface
 from softbody_ros.core.geometry.solid_moments import solid_moments
+from softbody_ros.core.geometry.surface import MeshError, Surface
 
 FARTHEST = 2.0
 """Bound on r: distance of inner particles from their mean, in RMS extents of the solid."""
