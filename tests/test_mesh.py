@@ -16,8 +16,7 @@ from softbody_ros.core import (
     WorldConfig,
     make_surface,
 )
-from softbody_ros.core.geometry import mesh as mesh_module
-from softbody_ros.core.geometry import mesh_files
+from softbody_ros.core.geometry import mesh_files, surface
 from softbody_ros.core.geometry.mesh import PRIMITIVES
 from softbody_ros.core.geometry.mesh_files import FILE_TYPES
 
@@ -315,7 +314,7 @@ def test_a_file_whose_triangles_refer_to_missing_vertices_is_refused(tmp_path, e
 def test_a_mesh_of_too_many_vertices_is_refused(tmp_path, monkeypatch):
     path = tmp_path / 'large.stl'
     trimesh.creation.icosphere(subdivisions=2).export(path)
-    monkeypatch.setattr(mesh_module, 'LARGEST_MESH', 100)
+    monkeypatch.setattr(surface, 'LARGEST_MESH', 100)
     message = refusal(path)
     assert 'more than 100' in message
     assert 'simplify' in message
