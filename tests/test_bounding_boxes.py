@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull
 
 from softbody_ros.core import make_surface
 from softbody_ros.core.body import BODY
+from softbody_ros.core.collision.body_contacts import bound_all
 from softbody_ros.core.collision.broad_phase import CANDIDATE, discard_distant
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
@@ -43,6 +44,12 @@ def test_the_pairs_are_those_that_overlap_in_order(kind, count):
     assert list(zip(*overlapping(low, high), strict=True)) == expected
 
 
+@kernel
+def bound(bodies, chosen, shapes, x):
+    """Return what `bound_all` does, of the positions being computed in the tick."""
+    return bound_all(bodies, chosen, shapes, x)
+
+
 @pytest.mark.parametrize('ahead', [0, 1])
 def test_boxes_around_bodies_are_least_and_largest_values_and_a_margin(ahead):
     bodies = np.zeros(4, BODY)
@@ -52,7 +59,11 @@ def test_boxes_around_bodies_are_least_and_largest_values_and_a_margin(ahead):
     x = np.random.default_rng(0).normal(size=(2, 3, bodies['count'].sum()))
     chosen, margin = np.array([0, 2, 3]), np.array([0.0, 0.1, 0.2])
     low, high = np.empty((3, 3)), np.empty((3, 3))
-    bound_bodies(bodies, chosen, x, ahead, margin, low, high)
+    if ahead:
+        bodies['reach'][chosen] = margin
+        low, high, _ = bound(bodies, chosen, np.zeros(1, SHAPE), x)
+    else:
+        bound_bodies(bodies, chosen, x, margin, low, high)
     for place, index in enumerate(chosen):
         body = bodies[index]
         own = x[body['now'] ^ ahead][:, body['first'] :][:, : body['count']]

@@ -83,7 +83,7 @@ class BodyBoxes:
         if len(chosen):
             margin = (state.bodies['thickness'] + AT_REST * state.scales)[chosen]
             low, high = np.empty((2, len(chosen), 3))
-            bound_bodies(state.bodies, chosen, state.x, 0, margin, low, high)
+            bound_bodies(state.bodies, chosen, state.x, margin, low, high)
             self._low[chosen], self._high[chosen] = low, high
             self._is_kept[chosen] = ~is_awake(state)[chosen]
         return self._low.copy(), self._high.copy()

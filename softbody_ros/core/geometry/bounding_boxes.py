@@ -122,7 +122,6 @@ def bound_bodies(
     bodies: np.ndarray,
     indices: np.ndarray,
     x: np.ndarray,
-    ahead: int,
     margin: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
@@ -137,8 +136,6 @@ def bound_bodies(
         which of them
     x : (2, 3, N) float
         m
-    ahead : int
-        1 for the positions being computed in the tick, 0 for those of the state
     margin : (b,) float
         around the particles, m
     low, high : (b, 3) float
@@ -147,7 +144,7 @@ def bound_bodies(
     """
     for place in range(len(indices)):
         body = bodies[indices[place]]
-        bound_body(body, x[body['now'] ^ ahead], margin[place], low[place], high[place])
+        bound_body(body, x[body['now']], margin[place], low[place], high[place])
 
 
 @helper
