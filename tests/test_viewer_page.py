@@ -171,8 +171,8 @@ def test_a_scene_that_is_refused_leaves_the_one_that_is_there(show, text, senten
 
 
 # ---------------------------------------------------------------------------------------- meshes
-def ball_file():
-    surface = make_surface('icosphere', 0.03, 1)
+def ball_file(subdivisions=1):
+    surface = make_surface('icosphere', 0.03, subdivisions)
     lines = [f'v {x} {y} {z}\n' for x, y, z in surface.vertices]
     lines += ['f {} {} {}\n'.format(*face) for face in surface.faces + 1]
     return ''.join(lines).encode()
@@ -226,6 +226,10 @@ def test_a_saved_scene_starts_a_node_with_the_same_parameters(show, tmp_path):
 
 def test_a_film_is_recorded_and_downloaded(show):
     browser_of_tests.choose(show.page, 'format', '.npz')
+    bodies = show.parameter('bodies')
+    # a film that takes a minute: that of small balls may be ready before the page has clicked
+    drop(show, 'large.obj', ball_file(subdivisions=4))
+    is_told(show, 'large.obj is the body large')
     show.number('seconds').fill('60')
     show.number('seconds').press('Enter')
     button(show, 'Record').click()
@@ -233,6 +237,7 @@ def test_a_film_is_recorded_and_downloaded(show):
     expect(button(show, 'Record')).to_be_visible(timeout=30_000)
     ready = show.page.get_by_role('button', name=re.compile(r'Download film.npz'))
     expect(ready).not_to_be_visible()
+    assert show.graph.set_parameter(SIM, 'bodies', bodies).successful
     show.number('seconds').fill('0.5')
     show.number('seconds').press('Enter')
     button(show, 'Record').click()
@@ -240,7 +245,7 @@ def test_a_film_is_recorded_and_downloaded(show):
     with show.page.expect_download() as download:
         ready.click()
     film = np.load(io.BytesIO(pathlib.Path(download.value.path()).read_bytes()))
-    assert film['bodies'].tolist() == ['ball', 'my_ball', 'my_ball_2']
+    assert film['bodies'].tolist() == bodies == ['ball', 'my_ball', 'my_ball_2']
     assert film['times'][-1] == 0.5
     assert len(film['times']) == 16
 

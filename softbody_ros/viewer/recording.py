@@ -171,7 +171,7 @@ class FilmMenu:
         self._directory.cleanup()
 
     async def _start(self) -> None:
-        if self._job is not None:
+        if self._job is not None or self._baking is not None:
             return
         seconds, fps, suffix = self._seconds.value, int(self._fps.value), self._format.value
         size = film_size(self._vertices(), round(seconds * fps) + 1, suffix)
@@ -204,8 +204,8 @@ class FilmMenu:
         self._download.visible = False
 
     def _stop(self) -> None:
+        self._job = None  # what is ready at this moment is cancelled, too
         if self._baking is None:
-            self._job = None
             self._show(is_recorded=False)
         else:
             self._baking.cancel()
@@ -214,8 +214,11 @@ class FilmMenu:
         self._bar.value = 100.0 * part
 
     def _finish(self, status: int, sentence: str) -> None:
+        is_cancelled = self._job is None
         self._baking = self._job = None
         self._show(is_recorded=False)
+        if is_cancelled:
+            return
         if status == 0:
             assert self._film is not None
             megabytes = self._film.stat().st_size / 1e6
