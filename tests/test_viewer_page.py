@@ -227,9 +227,16 @@ def test_a_saved_scene_starts_a_node_with_the_same_parameters(show, tmp_path):
 def test_a_film_is_recorded_and_downloaded(show):
     browser_of_tests.choose(show.page, 'format', '.npz')
     bodies = show.parameter('bodies')
-    # a film that takes a minute: that of small balls may be ready before the page has clicked
-    drop(show, 'large.obj', ball_file(subdivisions=4))
-    is_told(show, 'large.obj is the body large')
+    # a film that takes a minute: one of small balls may be ready before the page has clicked
+    drop(show, 'soft.obj', ball_file(subdivisions=4))
+    is_told(show, 'soft.obj is the body soft')
+    for name, value in {
+        'mode': 'quadratic',
+        'natural_frequency': 2.0,
+        'friction': 0.0,
+        'initial_velocity.linear': [1.0, 0.0, 0.0],
+    }.items():
+        assert show.graph.set_parameter(SIM, f'soft.{name}', value).successful
     show.number('seconds').fill('60')
     show.number('seconds').press('Enter')
     button(show, 'Record').click()
