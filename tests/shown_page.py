@@ -64,7 +64,7 @@ class Show:
         return self.graph.get_parameters(SIM, [name])[0]
 
     def says(self, text):
-        expect(self.page.locator('body')).to_contain_text(text, timeout=20_000)
+        expect(self.page.locator('body')).to_contain_text(text)
 
 
 def button(show, name):

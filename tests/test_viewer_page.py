@@ -44,7 +44,7 @@ def show(browser, compiled_ahead):
         graph.process('--ros-args', '-p', 'ball.subdivisions:=1', '-p', 'gravity.magnitude:=5.0')
         result = Show(browser, graph)
         result.says(f'{SIM}: running')
-        expect(button(result, 'Reset')).to_be_enabled(timeout=20_000)
+        expect(button(result, 'Reset')).to_be_enabled()
         for folder, inside in (('scene', 'Open scene file'), ('film', 'Record')):
             browser_of_tests.open_folder(result.page, folder, button(result, inside))
         yield result
@@ -66,7 +66,7 @@ def is_told(show, *texts):
     notice = show.page.locator('.mantine-Notification-root')
     for text in texts:
         notice = notice.filter(has_text=text)
-    expect(notice.first).to_be_visible(timeout=30_000)
+    expect(notice.first).to_be_visible()
     browser_of_tests.close_notices(show.page)
 
 
@@ -241,7 +241,7 @@ def test_a_film_is_recorded_and_downloaded(show):
     show.number('seconds').press('Enter')
     button(show, 'Record').click()
     button(show, 'Cancel').dispatch_event('click')  # at once, not when it has ceased to move
-    expect(button(show, 'Record')).to_be_visible(timeout=30_000)
+    expect(button(show, 'Record')).to_be_visible()
     ready = show.page.get_by_role('button', name=re.compile(r'Download film.npz'))
     expect(ready).not_to_be_visible()
     assert show.graph.set_parameter(SIM, 'bodies', bodies).successful
