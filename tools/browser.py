@@ -24,7 +24,7 @@ def path() -> str | None:
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    expect.set_options(timeout=30_000)  # a page without a GPU on a busy machine
+    expect.set_options(timeout=120_000)  # a page without a GPU on a busy machine
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path(), args=ARGUMENTS)
         yield browser

@@ -10,7 +10,6 @@ import importlib.util
 import os
 import pathlib
 import re
-import signal
 import subprocess
 import sys
 import tempfile
@@ -78,9 +77,9 @@ class Baking:
         self._ended(self._process.wait(), sentence)
 
     def cancel(self) -> None:
-        """Ask it to end, as Ctrl-C does."""
+        """Ask it to end; not by SIGINT, which an import at its start could swallow."""
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+            self._process.terminate()
 
     def close(self) -> None:
         """End it."""
