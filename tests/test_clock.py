@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
+from simulated_clock import SECOND, ClockSource
 from std_srvs.srv import SetBool, Trigger
 
 from softbody_ros.core import World
@@ -17,7 +17,6 @@ pytestmark = pytest.mark.oldest
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 MILLISECOND = 1_000_000
-SECOND = 1_000_000_000
 BEGIN = 7 * SECOND
 """Time of the clock at the first tick."""
 
@@ -30,40 +29,6 @@ def collected_points(cloud):
     """Return the positions (n, 3) float32 of a cloud."""
     records = np.frombuffer(cloud.data, POINT_TYPE)
     return np.stack([records[axis] for axis in 'xyz'], axis=1)
-
-
-class Ticker:
-    """Publishes /clock as fast as the node takes it, so that no message is lost."""
-
-    def __init__(self, graph, sim):
-        self.graph, self.sim = graph, sim
-        self.publisher = graph.node.create_publisher(Clock, '/clock', 10)
-        graph.spin_until(self.publisher.get_subscription_count, 'a subscriber of /clock')
-
-    def send(self, nanoseconds):
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(int(nanoseconds), SECOND)
-        self.publisher.publish(message)
-
-    def show(self, nanoseconds):
-        """Send a time and wait until the node has got it."""
-        self.send(nanoseconds)
-        self.graph.spin_until(
-            lambda: self.sim.get_clock().now().nanoseconds == nanoseconds, f'clock {nanoseconds}'
-        )
-
-    def settle(self):
-        """Wait until the world is where the clock is."""
-        stepper, clock = self.sim._stepper, self.sim.get_clock()
-        self.graph.spin_until(
-            lambda: (
-                stepper.started
-                and not stepper.replaying
-                and not self.sim._jumped_back
-                and stepper.lag(clock.now().nanoseconds) < self.sim._world.config.time_step
-            ),
-            'the tick of the clock',
-        )
 
 
 def times(pattern, end=BEGIN + SECOND):
@@ -94,7 +59,7 @@ def expected():
 @pytest.mark.parametrize('pattern', ['10 Hz', '1 kHz', 'irregular', 'duplicated', 'one jump'])
 def test_clouds_depend_on_their_tick_only(graph, expected, pattern):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
-    ticker = Ticker(graph, sim)
+    ticker = ClockSource(graph, sim)
     clouds = graph.collect(PointCloud2, f'{SIM}/points', 1000)
     for time in times(pattern):
         ticker.show(time)
@@ -111,7 +76,7 @@ def test_clouds_depend_on_their_tick_only(graph, expected, pattern):
 
 def test_a_burst_of_clock_messages_is_as_good_as_the_last_of_them(graph, expected):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
-    ticker = Ticker(graph, sim)
+    ticker = ClockSource(graph, sim)
     ticker.show(BEGIN)
     ticker.settle()
     for time in times('1 kHz'):
@@ -123,7 +88,7 @@ def test_a_burst_of_clock_messages_is_as_good_as_the_last_of_them(graph, expecte
 
 def test_scrubbing_shows_at_each_time_what_was_shown_first(graph, expected):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
-    ticker = Ticker(graph, sim)
+    ticker = ClockSource(graph, sim)
     clouds = graph.collect(PointCloud2, f'{SIM}/points', 1000)
     ticker.show(BEGIN)
     random = np.random.default_rng(5)
@@ -140,7 +105,7 @@ def test_scrubbing_shows_at_each_time_what_was_shown_first(graph, expected):
 
 def test_services_are_answered_in_the_middle_of_a_long_jump(graph):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
-    ticker = Ticker(graph, sim)
+    ticker = ClockSource(graph, sim)
     ticker.show(BEGIN)
     ticker.settle()
     ticker.send(BEGIN + 10_000 * SECOND)
@@ -156,7 +121,7 @@ def test_services_are_answered_in_the_middle_of_a_long_jump(graph):
 def test_pause_step_and_reset_do_the_same_under_both_drivers(graph, expected, use_sim_time):
     sim = graph.sim_node(**SMALL, use_sim_time=use_sim_time, step_count=30)
     if use_sim_time:
-        ticker = Ticker(graph, sim)
+        ticker = ClockSource(graph, sim)
         ticker.show(BEGIN)
         ticker.show(BEGIN + SECOND // 3)
     graph.spin_until(lambda: sim._world.tick > 20)
@@ -178,7 +143,7 @@ def test_pause_step_and_reset_do_the_same_under_both_drivers(graph, expected, us
 
 def test_a_clock_that_stands_still_lets_the_bodies_stand_still(graph):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
-    ticker = Ticker(graph, sim)
+    ticker = ClockSource(graph, sim)
     ticker.show(BEGIN)
     ticker.show(BEGIN + SECOND // 4)
     ticker.settle()
@@ -198,7 +163,7 @@ def test_services_before_the_first_clock_take_effect_when_it_comes(graph, expect
     assert graph.call(Trigger, f'{SIM}/step').success
     assert graph.call(Trigger, f'{SIM}/reset').success
     assert graph.call(SetBool, f'{SIM}/pause', data=False).success
-    ticker = Ticker(graph, sim)
+    ticker = ClockSource(graph, sim)
     ticker.show(BEGIN)
     ticker.show(BEGIN + SECOND // 2)
     ticker.settle()

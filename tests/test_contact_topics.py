@@ -5,10 +5,9 @@
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
-from rclpy.time import Time
-from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
+from simulated_clock import SECOND, ClockSource
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.ros.messages import POINT_TYPE
@@ -90,25 +89,12 @@ def test_nothing_of_an_impact_is_lost_between_messages(graph):
     """The ball falls and comes to rest: the ground has given it all of g m t, at any rate."""
     # by a clock: wall time that a busy machine drops would be in the stamps
     sim = graph.sim_node(use_sim_time=True, ball__subdivisions=1, ball__mass=3.0, points_rate=7.0)
-    clock = graph.node.create_publisher(Clock, '/clock', 10)
+    clock = ClockSource(graph, sim)
     clouds = graph.collect(PointCloud2, f'{SIM}/points', 500)
     body = graph.collect(WrenchStamped, f'{SIM}/contacts/ball', 500)
     ground = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts/ground', 500)
-    graph.spin_until(clock.get_subscription_count)
-
-    def go(seconds):
-        now = Time(seconds=seconds)
-        clock.publish(Clock(clock=now.to_msg()))
-        graph.spin_until(
-            lambda: (
-                sim.get_clock().now().nanoseconds == now.nanoseconds
-                and sim._stepper.started
-                and sim._stepper.lag(now.nanoseconds) < sim._world.config.time_step
-            )
-        )
-
     for tenth in range(10, 120):
-        go(0.1 * tenth)
+        clock.reach(tenth * SECOND // 10)
     assert sim._world.is_asleep('ball')
     graph.spin_until(lambda: len(clouds) > 70 and len(ground) > 60 and len(body) > 60)
     start = sim._stepper.time_of(0) * 1e-9

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2, PointField
+from simulated_clock import SECOND, ClockSource
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -32,7 +32,6 @@ INPUTS = {
     'poke': PointStamped,
     'gravity': Vector3Stamped,
 }
-SECOND = 1_000_000_000
 
 
 def publisher(graph, topic, qos=10):
@@ -512,30 +511,12 @@ def test_another_type_on_an_input_topic_is_said(graph):
 
 
 # ------------------------------------------------------------------------------------------- clock
-class Ticker:
-    """Publishes /clock and waits until the world is there."""
-
-    def __init__(self, graph, sim):
-        self.graph, self.sim = graph, sim
-        self.publisher = graph.node.create_publisher(Clock, '/clock', 10)
-        graph.spin_until(self.publisher.get_subscription_count)
+class Ticker(ClockSource):
+    """Shows the times of ticks, and waits until the world is there."""
 
     def go(self, tick):
-        now = 7 * SECOND + math.ceil(tick * SECOND / 240)
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(now, SECOND)
-        self.publisher.publish(message)
-        stepper = self.sim._stepper
-        self.graph.spin_until(
-            lambda: (
-                self.sim.get_clock().now().nanoseconds == now
-                and not self.sim._jumped_back
-                and stepper.started
-                and not stepper.replaying
-                and self.sim._world.tick == tick
-            ),
-            f'tick {tick}',
-        )
+        self.reach(7 * SECOND + math.ceil(tick * SECOND / 240))
+        assert self.sim._world.tick == tick
 
 
 def test_everything_acts_again_when_the_clock_goes_back(graph):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
-from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
+from simulated_clock import ClockSource
 from std_msgs.msg import ColorRGBA
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -176,22 +176,16 @@ def test_it_is_published_when_something_changes_and_only_then(graph):
 def test_what_moves_is_shown_where_it_is_also_when_the_clock_goes_back(graph):
     sim = graph.sim_node(**SMALL, use_sim_time=True, ground__velocity__linear=[0.0, 1.0, 0.0])
     arrays = graph.collect(MarkerArray, TOPIC, LATCHED)
-    clock = graph.node.create_publisher(Clock, '/clock', 10)
-    graph.spin_until(clock.get_subscription_count)
+    clock = ClockSource(graph, sim)
 
     def shown():
         marker = latest(arrays)['ground']
         return marker.header.stamp.nanosec, position_of(marker)[1]
 
-    def set_clock(nanoseconds):
-        message = Clock()
-        message.clock.nanosec = nanoseconds
-        clock.publish(message)
-
-    set_clock(100_000_000)
+    clock.send(100_000_000)
     graph.spin_until(lambda: sim._stepper.started)
     for nanoseconds, y in [(600_000_000, 0.5), (350_000_000, 0.25)]:
-        set_clock(nanoseconds)
+        clock.send(nanoseconds)
         expected = (nanoseconds, pytest.approx(y, abs=1e-9))
         graph.spin_until(lambda wanted=expected: arrays and shown() == wanted)
     assert sim._world.tick == 60

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock
 from scene_files import scene_values
 from sensor_msgs.msg import JointState
+from simulated_clock import SECOND, ClockSource
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -24,7 +24,6 @@ GRIPPER = (CONFIG / 'gripper.urdf').read_text()
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SMALL = {'ball__subdivisions': 1, 'ball__position': [5.0, 0.0, 1.0]}
 ALL = {'robot__links': ['*']}
-SECOND = 1_000_000_000
 STAND = """<robot name="stand"><link name="table"><collision><origin xyz="0 0 0.5"/>
 <geometry><box size="2 2 0.2"/></geometry></collision></link></robot>"""
 
@@ -360,17 +359,11 @@ def test_joint_states_are_history(graph, robot):
     robot.describe()
     values = {key.replace('.', '__'): value for key, value in scene_values('robot').items()}
     sim = graph.sim_node(use_sim_time=True, **values)
-    clock = graph.node.create_publisher(Clock, '/clock', 10)
+    clock = ClockSource(graph, sim)
     robot.heard()
-    graph.spin_until(clock.get_subscription_count)
 
     def until(seconds):
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(round(seconds * SECOND), SECOND)
-        clock.publish(message)
-        begin = sim._first_clock or round(seconds * SECOND)
-        due = math.floor((seconds - 1e-9 * begin) * 240 + 1e-6)
-        graph.spin_until(lambda: sim._stepper.started and sim._world.tick >= due)
+        clock.reach(round(seconds * SECOND))
 
     def bits():
         world = sim._world

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
+from simulated_clock import SECOND, ClockSource
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
@@ -39,25 +39,6 @@ def records(cloud):
 
 def stamp_of(message):
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-
-
-class ClockSource:
-    """Publishes /clock and waits until the node has seen it."""
-
-    def __init__(self, graph, sim):
-        self.graph, self.sim = graph, sim
-        self.publisher = graph.node.create_publisher(Clock, '/clock', 10)
-        graph.spin_until(self.publisher.get_subscription_count, 'a subscriber of /clock')
-
-    def set(self, seconds):
-        message = Clock()
-        message.clock.sec = int(seconds)
-        message.clock.nanosec = round((seconds % 1) * 1e9)
-        wanted = message.clock.sec * 1_000_000_000 + message.clock.nanosec
-        self.publisher.publish(message)
-        self.graph.spin_until(
-            lambda: self.sim.get_clock().now().nanoseconds == wanted, f'clock {seconds}'
-        )
 
 
 def paused(graph):
@@ -427,10 +408,10 @@ def test_ticks_and_stamps_follow_clock(graph):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
     clock = ClockSource(graph, sim)
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
-    clock.set(100.0)
+    clock.show(100 * SECOND)
     graph.spin_until(lambda: clouds)
     assert (sim._world.tick, stamp_of(clouds[0])) == (0, 100_000_000_000)
-    clock.set(100.25)
+    clock.show(100.25 * SECOND)
     graph.spin_until(lambda: sim._world.tick == 60)
     graph.spin_until(lambda: stamp_of(clouds[-1]) == 100_250_000_000)
     # the clock pauses: so does the body
@@ -444,9 +425,9 @@ def test_forward_jump_is_simulated_through(graph):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
     clock = ClockSource(graph, sim)
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
-    clock.set(5.0)
+    clock.show(5 * SECOND)
     graph.spin_until(lambda: clouds)
-    clock.set(25.0)
+    clock.show(25 * SECOND)
     graph.spin_until(lambda: sim._world.tick == 20 * 240)
     graph.spin_until(lambda: stamp_of(clouds[-1]) == 25_000_000_000)
     fresh = World(sim._scene.world)
@@ -458,17 +439,17 @@ def test_backward_jump_shows_the_earlier_state_again(graph):
     sim = graph.sim_node(**SMALL, use_sim_time=True)
     clock = ClockSource(graph, sim)
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
-    clock.set(10.0)
+    clock.show(10 * SECOND)
     graph.spin_until(lambda: clouds)
-    clock.set(10.5)
+    clock.show(10.5 * SECOND)
     graph.spin_until(lambda: clouds and stamp_of(clouds[-1]) == 10_500_000_000)
     first = bytes(clouds[-1].data)
-    clock.set(11.0)
+    clock.show(11 * SECOND)
     graph.spin_until(lambda: stamp_of(clouds[-1]) == 11_000_000_000)
-    clock.set(10.5)
+    clock.show(10.5 * SECOND)
     graph.spin_until(lambda: stamp_of(clouds[-1]) == 10_500_000_000)
     assert bytes(clouds[-1].data) == first
-    clock.set(2.0)  # before the start: the initial state
+    clock.show(2 * SECOND)  # before the start: the initial state
     graph.spin_until(lambda: sim._world.tick == 0)
 
 
@@ -483,9 +464,9 @@ def test_without_clock_nothing_moves_and_diagnostics_warn(graph):
     assert graph.call(SetBool, f'{SIM}/pause', data=False).success
     assert sim._world.tick == 0
     clock = ClockSource(graph, sim)
-    clock.set(1000.0)
+    clock.show(1000 * SECOND)
     graph.spin_until(lambda: sim._stepper.started)
-    clock.set(1000.5)
+    clock.show(1000.5 * SECOND)
     graph.spin_until(lambda: sim._world.tick == 120)
 
 
@@ -494,10 +475,10 @@ def test_clock_source_can_be_switched_at_run_time(graph):
     graph.spin_until(lambda: sim._world.tick > 20)
     assert graph.set_parameter(SIM, 'use_sim_time', True).successful
     clock = ClockSource(graph, sim)
-    clock.set(50.0)
+    clock.show(50 * SECOND)
     graph.spin_until(lambda: sim._stepper.time_of(sim._world.tick) == 50_000_000_000)
     tick = sim._world.tick
-    clock.set(50.5)
+    clock.show(50.5 * SECOND)
     graph.spin_until(lambda: sim._world.tick == tick + 120)
     assert sim._stepper.time_of(tick + 120) == 50_500_000_000
     assert graph.set_parameter(SIM, 'use_sim_time', False).successful

@@ -11,10 +11,10 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosgraph_msgs.msg import Clock
 from scene_files import ROOT, scene_values
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
+from simulated_clock import SECOND, ClockSource
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -27,7 +27,6 @@ pytestmark = pytest.mark.oldest
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-SECOND = 1_000_000_000
 CUBE = {
     'cube.mesh': 'box', 'cube.subdivisions': 0, 'cube.size': 0.2, 'cube.mass': 2,
     'cube.position': [3.0, 0.0, 1.0], 'cube.color': [0.0, 0.0, 1.0, 1.0],
@@ -446,30 +445,16 @@ def test_a_wrench_on_a_body_ends_with_it(graph, sim):
 
 
 # ------------------------------------------------------------------------------------------ time
-class Tape:
+class Tape(ClockSource):
     """A clock that is shown to the node, forwards and back."""
 
     def __init__(self, graph, sim):
-        self.graph, self.sim = graph, sim
-        self.publisher = graph.node.create_publisher(Clock, '/clock', 10)
-        graph.spin_until(self.publisher.get_subscription_count)
+        super().__init__(graph, sim)
         self.go(0.0)
 
     def go(self, seconds):
-        nanoseconds = 7 * SECOND + round(seconds * SECOND)
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(nanoseconds, SECOND)
-        self.publisher.publish(message)
-        clock, stepper = self.sim.get_clock(), self.sim._stepper
-        self.graph.spin_until(lambda: clock.now().nanoseconds == nanoseconds)
-        self.graph.spin_until(
-            lambda: (
-                stepper.started
-                and not self.sim._jumped_back
-                and not stepper.replaying
-                and stepper.lag(nanoseconds) < 1 / 240
-            )
-        )
+        self.reach(7 * SECOND + round(seconds * SECOND))
+        stepper = self.sim._stepper
         self.graph.spin_until(lambda: self.sim._parameters_of_scene._followed is stepper.config)
         return self.state()
 
@@ -562,9 +547,7 @@ def test_a_spawn_on_the_way_back_waits_for_the_arrival(graph):
     sim = graph.sim_node(**SMALL, use_sim_time=True, history__memory=0.0)
     tape = Tape(graph, sim)
     tape.go(60.0)
-    message = Clock()
-    message.clock.sec = 7 + 50
-    tape.publisher.publish(message)
+    tape.send((7 + 50) * SECOND)
     graph.spin_until(lambda: sim._stepper.replaying)
     assert set_atomically(graph, {'bodies': ['ball', 'cube'], **CUBE}).successful
     assert sim._stepper.replaying and sim._world.names == ('ball',)
