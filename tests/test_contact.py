@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, Surface, World, WorldConfig
 from softbody_ros.core.collision import obstacles
+from softbody_ros.core.contact.workspace import Workspace, enlarged
 
 H = 1 / 240
 G = 9.81
@@ -619,11 +620,15 @@ def test_nothing_depends_on_the_room_that_there_was_for_contacts():
     scene = WorldConfig(time_step=H, bodies=(config,), obstacles=(ObstacleConfig(), finger))
     worlds = [World(scene) for _ in range(3)]
     for world, room in zip(worlds, (64, 1, 5000), strict=True):
-        world._integrator._capacity[:] = room
+        integrator = world._integrator
+        empty = (array[:0] for array in integrator._workspace[1:])
+        integrator._workspace = enlarged(Workspace(np.full(5, room), *empty))
         world.step(100)
-        assert (world._integrator._capacity >= room).all()
+        assert (integrator._workspace.needed >= room).all()
         assert bytes_of(world) == bytes_of(worlds[0])
-    assert (worlds[1]._integrator._capacity > 1).all()
+    needed = worlds[1]._integrator._workspace.needed
+    assert needed.min() > 1
+    assert needed.max() < 5000
 
 
 @pytest.mark.parametrize(

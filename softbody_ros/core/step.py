@@ -22,6 +22,7 @@ from softbody_ros.core.contact.exchange import (
     forget_exchange,
 )
 from softbody_ros.core.contact.resolution import resolve
+from softbody_ros.core.contact.workspace import enlarged, new_workspace
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.shape_matching import goal_flight, modal_flight, pins
 from softbody_ros.core.state import Body, State
@@ -101,7 +102,7 @@ class Integrator:
         self._state, self._bodies = state, bodies
         self._places = np.full(state.x.shape[2], -1)
         self._flown = np.empty(state.x.shape[1:])
-        self._capacity = np.array([64, 256])
+        self._workspace = new_workspace()
         self.work = np.zeros(3, np.int64)
         self.update()
 
@@ -191,12 +192,13 @@ class Integrator:
         """Find all contacts of bodies (m,): see `detection.find_rows`."""
         state, sets = self._state, environment.sets
         others = self._any_pairs or len(sets) > 0
+        self._workspace = enlarged(self._workspace)
         return find_rows(
             state.bodies, chosen, state.shapes, state.weights, state.q, state.x, state.v,
             self._flown, state.match_centre, state.match_posture, environment.records,
             environment.trees, environment.surfaces.arrays if others else NO_SURFACES,
             environment.points, sets, h, others, state.contact_memory, state.reaction,
-            state.is_pinned, self._capacity,
+            state.is_pinned, self._workspace,
         )  # fmt: skip
 
     def _misses(self, chosen: np.ndarray, environment: Environment, met: np.ndarray) -> bool:
@@ -204,7 +206,7 @@ class Integrator:
         state = self._state
         return find_missed(
             state.bodies, chosen, state.shapes, state.q, state.x, state.match_centre,
-            state.match_posture, environment.surfaces.arrays, met, self._capacity,
+            state.match_posture, environment.surfaces.arrays, met, self._workspace,
         )  # fmt: skip
 
     def resolve_rows(
@@ -216,6 +218,7 @@ class Integrator:
             state.bodies, state.shapes, state.weights, state.q, state.x, state.v, self._flown,
             environment.records, environment.trees, h, members, rows, self._places,
             state.obstacle_impulse, state.normal_impulse, self.work, state.is_pinned,
+            self._workspace,
         )  # fmt: skip
 
 

@@ -40,6 +40,7 @@ from softbody_ros.core.contact.rows import (
     side_of,
 )
 from softbody_ros.core.contact.working_set import LEVER, SOFT_MARGIN, is_calm
+from softbody_ros.core.contact.workspace import CANDIDATES, FOUND, Workspace
 from softbody_ros.core.geometry.bounding_boxes import overlapping_codes
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
@@ -90,7 +91,7 @@ def find_rows(
     memory: np.ndarray,
     reaction: np.ndarray,
     is_pinned: np.ndarray,
-    capacity: np.ndarray,
+    workspace: Workspace,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     Find all contacts of bodies after their flight.
@@ -127,13 +128,13 @@ def find_rows(
         what contacts exerted on bodies at the tick before, see `State`
     is_pinned : (N,) bool
         particles that pins hold against any force: they touch no obstacles
-    capacity : (2,) int
-        number of rows, and of candidates, for which there is room at first: written
+    workspace : Workspace
 
     Returns
     -------
     members : (m,) MEMBER
     rows : (k,) ROW
+        mostly in the workspace
     met : (p,) int
         pairs of members that have contacts, as increasing codes: m times one plus another
 
@@ -145,8 +146,9 @@ def find_rows(
     )  # fmt: skip
     for number in chosen:
         most = max(most, bodies[number]['count'])
-    near, rows = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT), np.empty(capacity[0], ROW)
+    near, rows = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT), workspace.found
     contacts, found, searches = np.empty(0, FACE_CONTACT), 0, 0
+    needed = workspace.needed
     while searches < PASSES:
         found = find_obstacle_rows(
             bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, members, near, rows,
@@ -156,18 +158,18 @@ def find_rows(
             for number in range(len(chosen)):
                 body = bodies[chosen[number]]
                 body['reach'] = body['thickness'] + members[number]['margin']
-            contacts, needed = find_body_contacts(
+            contacts, candidates = find_body_contacts(
                 bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, points, sets,
-                capacity[1],
+                needed[CANDIDATES],
             )  # fmt: skip
-            capacity[1] = max(capacity[1], needed)
+            needed[CANDIDATES] = max(needed[CANDIDATES], candidates)
             found = find_face_rows(
                 bodies, contacts, sets, shapes, weights, x, v, flown, h, memory, members, rows,
                 found, is_pinned,
             )  # fmt: skip
         if found > len(rows):
-            capacity[0] = 2 * found
-            rows = np.empty(capacity[0], ROW)
+            needed[FOUND] = 2 * found
+            rows = np.empty(needed[FOUND], ROW)
             continue
         searches += 1
         if not confirm_steady(bodies, members, rows[:found], memory, searches > 1):
@@ -199,7 +201,7 @@ def find_missed(
     match_posture: np.ndarray,
     surfaces: SurfaceArrays,
     met: np.ndarray,
-    capacity: np.ndarray,
+    workspace: Workspace,
 ) -> bool:
     """
     Return whether bodies that were displaced are within others that they had not met before.
@@ -208,7 +210,7 @@ def find_missed(
 
     Parameters
     ----------
-    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, met, capacity
+    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, met, workspace
         see `find_rows`; positions at the end of the tick
 
     """
@@ -226,7 +228,7 @@ def find_missed(
             left += 1
     contacts, _ = find_contacts_of_pairs(
         bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, codes[:left],
-        np.empty((0, 3)), np.empty(0, POINT_SET), low, high, margin, capacity[1],
+        np.empty((0, 3)), np.empty(0, POINT_SET), low, high, margin, workspace.needed[CANDIDATES],
     )  # fmt: skip
     misses = False
     for contact in contacts:

@@ -44,7 +44,6 @@ from softbody_ros.core.contact.energy import (
 )
 from softbody_ros.core.contact.exchange import add_wrench_about
 from softbody_ros.core.contact.members import (
-    PARTICLE,
     RIGID_MODES,
     add_impulses,
     add_momenta,
@@ -91,6 +90,7 @@ from softbody_ros.core.contact.working_set import (
     sort_into_islands,
     take_closed,
 )
+from softbody_ros.core.contact.workspace import Workspace, for_islands, jacobian_of
 from softbody_ros.core.geometry.bounding_boxes import sort_indices
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
@@ -168,6 +168,7 @@ def resolve(
     normal_impulse: np.ndarray,
     work: np.ndarray,
     is_pinned: np.ndarray,
+    workspace: Workspace,
 ) -> tuple[np.ndarray, bool]:
     """
     Move bodies by the forces of their contacts, from the flight to the end of the tick.
@@ -188,6 +189,7 @@ def resolve(
         added to: Gauss–Seidel sweeps, Newton steps, problems that are not solved to tolerance
     is_pinned : (N,) bool
         see `find_rows`
+    workspace : Workspace
 
     Returns
     -------
@@ -200,7 +202,8 @@ def resolve(
     """
     count, status = len(members), np.empty(len(rows), np.int64)
     left = find_working_set(members, rows, obstacles, status)
-    island, own = np.empty(count, np.int64), np.empty(SPARE * left, rows.dtype)
+    workspace = for_islands(workspace, SPARE * left)
+    island, own = np.empty(count, np.int64), workspace.own
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)
     working, first_waiting = np.zeros(count, np.int64), np.zeros(count + 1, np.int64)
@@ -209,20 +212,20 @@ def resolve(
         members, rows, status, island, first_body, first_row, inside, local, own, working,
         first_waiting, waiting,
     )  # fmt: skip
-    all_particles, remembered = np.empty(4 * len(own), PARTICLE), np.empty(len(own), MEMORY)
+    remembered = np.empty(SPARE * left, MEMORY)
     flight = Flight(bodies, shapes, weights, q, v, flown, is_pinned, place_of)
     kept, is_far = 0, False
     for root in range(count):
         first, last = first_row[root], first_row[root]
         together = inside[first_body[root] : first_body[root + 1]]
-        particles, meets = all_particles[:0], first < first_row[root + 1]
+        particles, meets = workspace.particles[:0], first < first_row[root + 1]
         if meets:
             acting, touched = resolve_island(
                 together, own[first : first_row[root + 1]], working[root], rows,
-                waiting[first_waiting[root] : first_waiting[root + 1]], all_particles, flight,
-                obstacles, trees, h, work,
+                waiting[first_waiting[root] : first_waiting[root + 1]], flight, obstacles,
+                trees, h, work, workspace,
             )  # fmt: skip
-            last, particles = first + acting, all_particles[:touched]
+            last, particles = first + acting, workspace.particles[:touched]
         for k in range(first, last):
             row = own[k]
             if row['key'] >= 0:
@@ -380,12 +383,12 @@ def resolve_island(
     working: int,
     rows: np.ndarray,
     waiting: np.ndarray,
-    all_particles: np.ndarray,
     flight: Flight,
     obstacles: np.ndarray,
     trees: Trees,
     h: float,
     work: np.ndarray,
+    workspace: Workspace,
 ) -> tuple[int, int]:
     """
     Resolve the contacts of one island: positions, then velocities.
@@ -399,9 +402,7 @@ def resolve_island(
         number of contacts that take part
     rows, waiting : (k,) ROW, (w,) int
         all contacts, and which of them wait: written
-    all_particles : (p,) PARTICLE
-        room for particles at contacts, written
-    flight, obstacles, trees, h, work
+    flight, obstacles, trees, h, work, workspace
         see `resolve`
 
     Returns
@@ -422,7 +423,7 @@ def resolve_island(
     if is_soft:
         tolerance = (SOFT_TOLERANCE if len(members) > 1 else SINGLE_TOLERANCE) * scale
     linearised = LINEARISED * scale
-    whole = new_problem(members, room)
+    all_particles, whole = workspace.particles, new_problem(members, room, workspace)
     problem = begin_positions(members, all_particles, flight, whole, 0, 0, working, h)
     particles = all_particles[: len(problem.mobility)]
     last, has_room, unsolved = math.inf, True, work[2]
@@ -569,7 +570,7 @@ def is_beyond_convex(obstacle: np.void, gap: float, limit: float) -> bool:
 
 
 @helper
-def new_problem(members: np.ndarray, rows: np.ndarray) -> Problem:
+def new_problem(members: np.ndarray, rows: np.ndarray, workspace: Workspace) -> Problem:
     """Return room for the contact problem of an island."""
     count, most_touched = len(members), 4 * len(rows)
     counts, most, total_modes = np.empty(count, np.int64), RIGID_MODES, 0
@@ -579,7 +580,7 @@ def new_problem(members: np.ndarray, rows: np.ndarray) -> Problem:
     factorised = count if total_modes <= LARGEST_ISLAND else 0
     return Problem(
         rows,
-        np.empty((6 * len(rows), width_of(most) + 1)),
+        jacobian_of(workspace, 6 * len(rows), width_of(most) + 1),
         counts,
         np.empty(most_touched),
         np.zeros((3, count, width_of(most) + 1)),

@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Memory for contacts, kept from tick to tick.
+
+In a heap it is more than the cache of a processor. Freed after each tick it goes back to the
+operating system, and to get it again takes up to half of the time of a tick.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softbody_ros.core.compiled import helper
+from softbody_ros.core.contact.members import PARTICLE
+from softbody_ros.core.contact.rows import ROW
+
+FOUND, OWN, PARTICLES, JACOBIAN, CANDIDATES = range(5)
+"""Places in `Workspace.needed`."""
+AT_FIRST = 64, 0, 0, 0, 256
+"""Lengths for a body at rest."""
+CORNERS = 4
+"""Particles at a contact, at most."""
+
+
+class Workspace(NamedTuple):
+    """Arrays of any content. What needs more than one of them gets another one, this once."""
+
+    needed: np.ndarray
+    """(5,) int, written: lengths of the arrays that were needed so far, and the number of
+    candidates of pairs, for which there is no array here"""
+    found: np.ndarray
+    """(k,) ROW, all contacts"""
+    own: np.ndarray
+    """(r,) ROW, those of islands, each with room for more"""
+    particles: np.ndarray
+    """(p,) PARTICLE, of an island"""
+    jacobian: np.ndarray
+    """(j,) float, of an island"""
+
+
+def new_workspace() -> Workspace:
+    """Return a workspace for a body at rest."""
+    rows = np.empty(0, ROW)
+    return enlarged(Workspace(np.array(AT_FIRST), rows, rows, np.empty(0, PARTICLE), np.empty(0)))
+
+
+def enlarged(workspace: Workspace) -> Workspace:
+    """Return a workspace as large as was needed so far."""
+    needed, arrays = workspace.needed, workspace[1:]
+    if all(len(array) >= length for array, length in zip(arrays, needed, strict=False)):
+        return workspace
+    return Workspace(needed, *map(_enlarged, arrays, needed))
+
+
+def _enlarged(array: np.ndarray, length: int) -> np.ndarray:
+    return array if len(array) >= length else np.empty(length, array.dtype)
+
+
+@helper
+def for_islands(workspace: Workspace, rows: int) -> Workspace:
+    """Return a workspace with room for so many contacts of all islands, and their particles."""
+    needed, own, particles = workspace.needed, workspace.own, workspace.particles
+    if rows > len(own):
+        needed[OWN], own = rows, np.empty(rows, ROW)
+    if CORNERS * rows > len(particles):
+        needed[PARTICLES], particles = CORNERS * rows, np.empty(CORNERS * rows, PARTICLE)
+    return Workspace(needed, workspace.found, own, particles, workspace.jacobian)
+
+
+@helper
+def jacobian_of(workspace: Workspace, lines: int, width: int) -> np.ndarray:
+    """Return an array (lines, width) for the Jacobian of an island."""
+    jacobian, length = workspace.jacobian, lines * width
+    if length > len(jacobian):
+        workspace.needed[JACOBIAN] = max(workspace.needed[JACOBIAN], length)
+        jacobian = np.empty(length)
+    return jacobian[:length].reshape(lines, width)
