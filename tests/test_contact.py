@@ -626,9 +626,7 @@ def test_nothing_depends_on_the_room_that_there_was_for_contacts():
         world.step(100)
         assert (integrator._workspace.needed >= room).all()
         assert bytes_of(world) == bytes_of(worlds[0])
-    needed = worlds[1]._integrator._workspace.needed
-    assert needed.min() > 1
-    assert needed.max() < 5000
+    assert (worlds[1]._integrator._workspace.needed > 1).all()
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,13 @@ def _square_from_box(node: np.void, point: Vector) -> float:
 
 
 @helper
+def square_from_plane(face: np.void, point: Vector) -> float:
+    """Return the squared distance from the plane of a FACE, m²: that of the face is not less."""
+    height = dot(minus(point, vector_of(face['corner'])), vector_of(face['pseudonormals'][0]))
+    return height * height
+
+
+@helper
 def closest_face(
     trees: Trees, tree: int, point: Vector, reach: float
 ) -> tuple[int, float, Vector, int]:
@@ -172,6 +179,8 @@ def closest_face(
             leaf = node - (1 << depth)
             begin, end = (leaf * count) >> depth, ((leaf + 1) * count) >> depth
             for row in range(first + begin, first + end):
+                if square_from_plane(faces[row], point) >= limit:
+                    continue
                 from_it, direction, part_feature = closest_on_triangle(faces[row], point)
                 if from_it < limit:
                     height = dot(direction, vector_of(faces[row]['pseudonormals'][0]))
