@@ -202,12 +202,11 @@ def resolve(
     """
     count, status = len(members), np.empty(len(rows), np.int64)
     left = find_working_set(members, rows, obstacles, status)
-    workspace = for_islands(workspace, SPARE * left)
-    island, own = np.empty(count, np.int64), workspace.own
+    workspace = for_islands(workspace, left)
+    island, own, waiting = np.empty(count, np.int64), workspace.own, workspace.waiting
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)
     working, first_waiting = np.zeros(count, np.int64), np.zeros(count + 1, np.int64)
-    waiting = np.empty(len(rows), np.int64)
     sort_into_islands(
         members, rows, status, island, first_body, first_row, inside, local, own, working,
         first_waiting, waiting,
@@ -400,8 +399,8 @@ def resolve_island(
         the contacts that take part, and room for more
     working : int
         number of contacts that take part
-    rows, waiting : (k,) ROW, (w,) int
-        all contacts, and which of them wait: written
+    rows, waiting : (k,) ROW, (w,) OPEN
+        all contacts, and those that wait: written
     flight, obstacles, trees, h, work, workspace
         see `resolve`
 

@@ -17,17 +17,19 @@ from softbody_ros.core.body import QUADRATIC_FEATURES
 from softbody_ros.core.collision.shapes import MESH
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.members import put_fit_of_features, put_particle
-from softbody_ros.core.contact.rows import copy_record, end_normal, share_of, side_of
+from softbody_ros.core.contact.rows import copy_record, share_of, side_of
 from softbody_ros.core.geometry.union_find import root_of, unite
 from softbody_ros.core.geometry.vectors import (
     Vector,
     along,
+    applied,
     applied_transposed,
     column_of,
     dot,
     matrix_of,
     minus,
     plus,
+    put_vector,
     scaled,
     vector_of,
 )
@@ -42,6 +44,22 @@ SPARE = 2
 """Room for rows, relative to those found after the flight."""
 ABSENT, WAITING, WORKING = 0, 1, 2
 """Whether a contact cannot act, takes part once it would be closed, or does from the start."""
+
+OPEN = np.dtype(
+    [
+        ('row', np.int64),  # of all rows, or −1 if it takes part by now
+        ('sides', np.int64, (2,)),  # members of the island, or −1
+        ('carrier', np.int64),  # the one with which the normal turns, or −1
+        ('gap', np.float64),  # after the flight, m
+        ('normal', np.float64, (3,)),  # after the flight
+        ('arms', np.float64, (2, 3)),  # of both sides after the flight, from the centres, m
+        ('columns', np.int64, (4,)),
+        ('shares', np.float64, (4,)),
+    ],
+    align=True,
+)
+"""A contact that waits: what it takes to see whether it is closed. There are many, and each is
+looked at several times in a tick, for which rows are too long."""
 
 
 class Flight(NamedTuple):
@@ -163,7 +181,7 @@ def sort_into_islands(
     Parameters
     ----------
     members, rows : (m,) MEMBER, (k,) ROW
-        rows that wait refer to bodies within their island, too
+        rows that take part, or wait, refer to bodies within their island after that
     status : (k,) int
         see `find_working_set`
     island, local : (m,) int
@@ -174,8 +192,8 @@ def sort_into_islands(
         written; each island has room for more contacts than those that take part
     working : (m,) int
         zeros; written: number of contacts of the island of each least member that take part
-    first_waiting, waiting : (m + 1,), (k,) int
-        zeros, and anything; written: where in `waiting` are the rows that wait
+    first_waiting, waiting : (m + 1,) int, (k,) OPEN
+        zeros, and anything; written: those that wait, and where they begin
 
     """
     count = len(members)
@@ -210,15 +228,36 @@ def sort_into_islands(
         if status[k] == ABSENT:
             continue
         root = island[row['one']]
+        if status[k] == WAITING:
+            put_open(waiting[first_waiting[root] + filled[root]], k, row, members, local)
+            filled[root] += 1
         row['one'] = local[row['one']]
         if row['two'] >= 0:
             row['two'] = local[row['two']]
-        if status[k] == WAITING:
-            waiting[first_waiting[root] + filled[root]] = k
-            filled[root] += 1
-        else:
+        if status[k] == WORKING:
             copy_record(own, first_row[root] + working[root], rows, k)
             working[root] += 1
+
+
+@helper
+def put_open(
+    contact: np.void, k: int, row: np.void, members: np.ndarray, local: np.ndarray
+) -> None:
+    """Write what is needed of row k while it waits, with members by their local numbers."""
+    contact['row'], contact['gap'], contact['carrier'] = k, row['gap'], -1
+    put_vector(contact['normal'], vector_of(row['normal']))
+    for side in range(2):
+        index, _ = side_of(row, side)
+        contact['sides'][side] = -1
+        if index >= 0:
+            contact['sides'][side] = local[index]
+            if side == 1 or row['of_face']:
+                contact['carrier'] = local[index]
+            arm = plus(vector_of(row['point']), vector_of(row['offsets'][side]))
+            put_vector(contact['arms'][side], minus(arm, vector_of(members[index]['centre'])))
+    for corner in range(4):
+        contact['shares'][corner] = row['shares'][corner]
+        contact['columns'][corner] = row['columns'][corner]
 
 
 @helper
@@ -277,24 +316,24 @@ def take_closed(
                 body, shapes[body['shape']], member, fits, QUADRATIC_FEATURES * number
             )
     for number in range(len(waiting)):
-        if waiting[number] < 0:
+        contact = waiting[number]
+        if contact['row'] < 0:
             continue
-        row = rows[waiting[number]]
-        normal, gap = end_normal(row, members), row['gap']
+        normal, gap, carrier = vector_of(contact['normal']), contact['gap'], contact['carrier']
+        if carrier >= 0:
+            normal = applied(matrix_of(members[carrier]['rotation']), normal)
         for side in range(2):
-            index, sign = side_of(row, side)
+            index, sign = contact['sides'][side], 1.0 if side == 0 else -1.0
             if index < 0:
                 continue
-            member = members[index]
-            arm = plus(vector_of(row['point']), vector_of(row['offsets'][side]))
-            arm = minus(arm, vector_of(member['centre']))
+            member, arm = members[index], vector_of(contact['arms'][side])
             local = applied_transposed(matrix_of(member['rotation']), normal)
             moved_along = dot(normal, vector_of(member['shift'])) + dot(minus(local, normal), arm)
             for corner in range(4):
-                share = share_of(row, side, corner)
+                share = share_of(contact, side, corner)
                 if not share > 0.0:
                     continue
-                column = row['columns'][corner]
+                column = contact['columns'][corner]
                 if place_of[column] >= 0:
                     shift = vector_of(particles[place_of[column]]['shift'])
                     moved_along += share * dot(normal, shift)
@@ -310,8 +349,8 @@ def take_closed(
                     moved_along += share * dot(local, deformed)
             gap += sign * moved_along
         if gap < 0.0:
-            copy_record(room, working, rows, waiting[number])
-            waiting[number] = -1
+            copy_record(room, working, rows, contact['row'])
+            contact['row'] = -1
             working += 1
     return working
 

@@ -16,10 +16,11 @@ import numpy as np
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.members import PARTICLE
 from softbody_ros.core.contact.rows import ROW
+from softbody_ros.core.contact.working_set import OPEN, SPARE
 
-FOUND, OWN, PARTICLES, JACOBIAN, CANDIDATES = range(5)
+FOUND, OWN, PARTICLES, WAITING, JACOBIAN, CANDIDATES = range(6)
 """Places in `Workspace.needed`."""
-AT_FIRST = 64, 0, 0, 0, 256
+AT_FIRST = 64, 0, 0, 0, 0, 256
 """Lengths for a body at rest."""
 CORNERS = 4
 """Particles at a contact, at most."""
@@ -29,7 +30,7 @@ class Workspace(NamedTuple):
     """Arrays of any content. What needs more than one of them gets another one, this once."""
 
     needed: np.ndarray
-    """(5,) int, written: lengths of the arrays that were needed so far, and the number of
+    """(6,) int, written: lengths of the arrays that were needed so far, and the number of
     candidates of pairs, for which there is no array here"""
     found: np.ndarray
     """(k,) ROW, all contacts"""
@@ -37,14 +38,16 @@ class Workspace(NamedTuple):
     """(r,) ROW, those of islands, each with room for more"""
     particles: np.ndarray
     """(p,) PARTICLE, of an island"""
+    waiting: np.ndarray
+    """(w,) OPEN, contacts that wait"""
     jacobian: np.ndarray
     """(j,) float, of an island"""
 
 
 def new_workspace() -> Workspace:
     """Return a workspace for a body at rest."""
-    rows = np.empty(0, ROW)
-    return enlarged(Workspace(np.array(AT_FIRST), rows, rows, np.empty(0, PARTICLE), np.empty(0)))
+    rows, particles, waiting = np.empty(0, ROW), np.empty(0, PARTICLE), np.empty(0, OPEN)
+    return enlarged(Workspace(np.array(AT_FIRST), rows, rows, particles, waiting, np.empty(0)))
 
 
 def enlarged(workspace: Workspace) -> Workspace:
@@ -60,14 +63,17 @@ def _enlarged(array: np.ndarray, length: int) -> np.ndarray:
 
 
 @helper
-def for_islands(workspace: Workspace, rows: int) -> Workspace:
-    """Return a workspace with room for so many contacts of all islands, and their particles."""
+def for_islands(workspace: Workspace, contacts: int) -> Workspace:
+    """Return a workspace with room for so many contacts of all islands."""
     needed, own, particles = workspace.needed, workspace.own, workspace.particles
+    waiting, rows = workspace.waiting, SPARE * contacts
+    if contacts > len(waiting):
+        needed[WAITING], waiting = contacts, np.empty(contacts, OPEN)
     if rows > len(own):
         needed[OWN], own = rows, np.empty(rows, ROW)
     if CORNERS * rows > len(particles):
         needed[PARTICLES], particles = CORNERS * rows, np.empty(CORNERS * rows, PARTICLE)
-    return Workspace(needed, workspace.found, own, particles, workspace.jacobian)
+    return Workspace(needed, workspace.found, own, particles, waiting, workspace.jacobian)
 
 
 @helper
