@@ -60,10 +60,10 @@ ROW = np.dtype(
         ('shares', np.float64, (4,)),
         ('particles', np.int64, (4,)),
         ('shares_particles', np.bool_),  # whether other contacts act on these, too
+        ('rubs', np.bool_),  # with viscous friction whether it presses or not
         ('target', np.float64, (3,)),  # what f approaches
         ('best', np.float64, (3,)),  # of all that f has been, nearest to a solution
         ('radius', np.float64),  # of the friction disc
-        ('rubs', np.bool_),  # with viscous friction whether it presses or not
         ('disc_change', np.float64),  # its last change
         ('model_bias', np.float64, (3,)),  # if R is taken as diagonal
         ('model_compliance', np.float64, (2,)),
@@ -72,30 +72,31 @@ ROW = np.dtype(
         ('curvature', np.float64),  # of the disc's edge, times the force that presses against it
         # the contact
         ('key', np.int64),  # identifies it from tick to tick
+        # what all contacts are looked through for
         ('obstacle', np.int64),  # second side, or −1
+        ('gap', np.float64),  # after the flight, m
+        ('gap_before', np.float64),  # after the flight of the tick before; 0 if it is new, m
+        ('coasting', np.float64),  # gap if both sides went on with their speed before, m
+        ('known', np.int64),  # where it is in what is remembered, or −1
+        ('is_new', np.bool_),  # not made at the tick before
+        ('viscosity', np.float64),  # share of the sliding that viscous friction removes, or −1
         ('column', np.int64),  # particle of the world, or −1
         ('columns', np.int64, (4,)),  # of deformable bodies: the particles, of the world
         ('offsets', np.float64, (2, 3)),  # of both sides in the flight from the start shape, m
         ('point', np.float64, (3,)),  # of both sides, of the start shapes, m
         ('thickness', np.float64),  # distance kept, m
-        ('gap', np.float64),  # after the flight, m
         ('motion', np.float64, (3,)),  # displacement of the first side in the flight, m
         ('other_motion', np.float64, (3,)),  # of the second side, m
         ('other_velocity', np.float64, (3,)),  # of the second side if it is no member, m/s
         ('slip', np.float64, (2,)),  # along the tangents from touching to the end, m
         ('approach', np.float64),  # normal speed at touching; negative, m/s
         ('closing', np.float64),  # normal speed of approach at the end of the flight, m/s
-        ('known', np.int64),  # where it is in what is remembered, or −1
-        ('is_new', np.bool_),  # not made at the tick before
-        ('gap_before', np.float64),  # after the flight of the tick before; 0 if it is new, m
-        ('coasting', np.float64),  # gap if both sides went on with their speed before, m
         ('remembered', np.float64, (3,)),  # force of the tick before
         # depth at the end, m: what is found deep inside gets out slowly
         ('tolerated', np.float64),
         ('inverse_mass', np.float64),  # sum of both sides, 1/kg
         ('softness', np.float64),  # of its compliance, relative to the mean: few on little area
         ('elasticity', np.float64),
-        ('viscosity', np.float64),  # share of the sliding that viscous friction removes, or −1
         ('of_face', np.bool_),  # whether the normal is that of a face of the first side
         ('positional', np.float64, (3,)),  # force that is constant over the tick, N
         ('free', np.float64, (2,)),  # slip, or its speed, that viscous friction reduces
