@@ -13,7 +13,7 @@ from softbody_ros.core.body import BODY
 from softbody_ros.core.collision.body_contacts import bound_all
 from softbody_ros.core.collision.broad_phase import CANDIDATE, discard_distant
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.geometry.bounding_boxes import bound_bodies, overlapping
+from softbody_ros.core.geometry.bounding_boxes import bound_bodies, bounds_of, overlapping
 from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
 pytestmark = pytest.mark.oldest
@@ -133,3 +133,26 @@ def test_for_few_points_the_particles_of_a_body_are_not_read():
         everything
     )
     assert np.array_equal(candidates, everything)
+
+
+@kernel
+def bounds(row, result):
+    result[0], result[1] = bounds_of(row)
+
+
+@pytest.mark.parametrize('count', [*range(1, 20), 100])
+def test_bounds_are_the_least_and_the_largest_number(count):
+    random, result = np.random.default_rng(count), np.empty(2)
+    row = random.normal(size=count)
+    for place in range(count):
+        # each of them in turn
+        row[place] *= 10.0
+        bounds(row, result)
+        assert tuple(result) == (row.min(), row.max())
+
+
+def test_what_is_not_a_number_is_no_bound():
+    row, result = np.arange(20.0), np.empty(2)
+    row[[3, 12, 18]] = np.nan
+    bounds(row, result)
+    assert tuple(result) == (0.0, 19.0)

@@ -97,6 +97,17 @@ if is_compiled():
 
         return lanes_type(types.float64), generate
 
+    def _selected(order: str) -> Any:
+        def choose(context: Any, one: Any, two: Any) -> Any:
+            def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+                return builder.select(builder.fcmp_ordered(order, *args), *args)
+
+            return lanes_type(lanes_type, lanes_type), generate
+
+        return intrinsic(choose)
+
+    lower, higher = _selected('<'), _selected('>')
+
     @intrinsic
     def lane(context: Any, lanes: Any, k: Any) -> Any:
         """Return one of the lanes."""
@@ -170,6 +181,14 @@ else:
     def lanes_of(value: float) -> Any:
         """Return equal lanes."""
         return _Plain([value] * LANES)
+
+    def lower(one: Any, two: Any) -> Any:
+        """Return the lesser ones of two lanes, each; those of the second one where one is NaN."""
+        return _Plain(a if a < b else b for a, b in zip(one, two, strict=True))
+
+    def higher(one: Any, two: Any) -> Any:
+        """Return the larger ones of two lanes, each; those of the second one where one is NaN."""
+        return _Plain(a if a > b else b for a, b in zip(one, two, strict=True))
 
     def lane(lanes: Any, k: int) -> float:
         """Return one of the lanes."""

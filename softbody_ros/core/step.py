@@ -102,7 +102,7 @@ class Integrator:
         self._state, self._bodies = state, bodies
         self._places = np.full(state.x.shape[2], -1)
         self._flown = np.empty(state.x.shape[1:])
-        self._workspace = new_workspace()
+        self._workspace, self._needed = new_workspace(), b''
         self.work = np.zeros(3, np.int64)
         self.update()
 
@@ -192,7 +192,9 @@ class Integrator:
         """Find all contacts of bodies (m,): see `detection.find_rows`."""
         state, sets = self._state, environment.sets
         others = self._any_pairs or len(sets) > 0
-        self._workspace = enlarged(self._workspace)
+        needed = self._workspace.needed.tobytes()
+        if needed != self._needed:
+            self._workspace, self._needed = enlarged(self._workspace), needed
         return find_rows(
             state.bodies, chosen, state.shapes, state.weights, state.q, state.x, state.v,
             self._flown, state.match_centre, state.match_posture, environment.records,

@@ -23,6 +23,7 @@ from softbody_ros.core.collision.obstacles import (
 from softbody_ros.core.collision.shapes import PLANE
 from softbody_ros.core.collision.swept_contact import first_touch
 from softbody_ros.core.compiled import helper, kernel
+from softbody_ros.core.geometry.bounding_boxes import box_around
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
@@ -66,30 +67,6 @@ CONTACT = np.dtype(
 
 
 # ------------------------------------------------------------------------------------- broad phase
-@helper
-def _extremes(values: np.ndarray, first: int, count: int) -> tuple[float, float]:
-    """Return minimum and maximum of values; blocks that contain neither are skipped."""
-    low = high = values[first]
-    for begin in range(first, first + count, TILE):
-        tile = values[begin : min(begin + TILE, first + count)]
-        beyond = 0
-        for i in range(len(tile)):
-            beyond += (tile[i] < low) | (tile[i] > high)
-        if beyond > 0:
-            for i in range(len(tile)):
-                low, high = min(low, tile[i]), max(high, tile[i])
-    return low, high
-
-
-@helper
-def bounds_of(x: np.ndarray, first: int, count: int) -> tuple[Vector, Vector]:
-    """Return the corners, m, of the bounding box of a body with particles in x (3, N)."""
-    x_low, x_high = _extremes(x[0], first, count)
-    y_low, y_high = _extremes(x[1], first, count)
-    z_low, z_high = _extremes(x[2], first, count)
-    return (x_low, y_low, z_low), (x_high, y_high, z_high)
-
-
 @helper
 def may_touch(
     obstacle: np.void,
@@ -440,10 +417,10 @@ def contacts_of(
         first, count, now = body['first'], body['surface'], body['now']
         start = x[now]
         present = x[1 - now] if other else start
-        low, high = bounds_of(present, first, count)
+        low, high = box_around(present, first, count)
         low_before, high_before = low, high
         if sweep:
-            low_before, high_before = bounds_of(start, first, count)
+            low_before, high_before = box_around(start, first, count)
         for j in range(len(obstacles)):
             obstacle = obstacles[j]
             if not may_touch(obstacle, low, high, low_before, high_before, reach[k]):

@@ -22,7 +22,6 @@ from softbody_ros.core.collision.fixed_points import POINT_SET
 from softbody_ros.core.collision.narrow_phase import CONTACT as FACE_CONTACT
 from softbody_ros.core.collision.obstacle_contacts import (
     CONTACT,
-    bounds_of,
     find_contacts,
     may_touch,
 )
@@ -41,7 +40,7 @@ from softbody_ros.core.contact.rows import (
 )
 from softbody_ros.core.contact.working_set import LEVER, SOFT_MARGIN, is_calm
 from softbody_ros.core.contact.workspace import CANDIDATES, FOUND, Workspace
-from softbody_ros.core.geometry.bounding_boxes import overlapping_codes
+from softbody_ros.core.geometry.bounding_boxes import box_around, overlapping_codes
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
     ZERO,
@@ -353,8 +352,8 @@ def find_obstacle_rows(
             which += 1
             if obstacle['kind'] != PLANE:
                 if not bounded:
-                    low, high = bounds_of(x1, first, count)
-                    low_before, high_before = bounds_of(x0, first, count)
+                    low, high = box_around(x1, first, count)
+                    low_before, high_before = box_around(x0, first, count)
                     bounded = True
                 if not may_touch(obstacle, low, high, low_before, high_before, reach):
                     continue
@@ -412,8 +411,8 @@ def find_near_obstacles(
     That of the fastest; `way`, m, is how far from its flight the body might stay.
     """
     x0, x1 = x[body['now']], x[1 - body['now']]
-    low, high = bounds_of(x1, body['first'], body['surface'])
-    low_before, high_before = bounds_of(x0, body['first'], body['surface'])
+    low, high = box_around(x1, body['first'], body['surface'])
+    low_before, high_before = box_around(x0, body['first'], body['surface'])
     reach, found, speed = body['thickness'] + member['margin'] + way, False, 0.0
     reach += MARGIN * member['scale']
     for which in range(len(obstacles)):

@@ -7,9 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.compiled import helper, kernel
-
-LANES = 4
-"""Independent minima and maxima of a row: a single one is bound by the latency of comparisons."""
+from softbody_ros.core.geometry.vectors import Vector
+from softbody_ros.core.lanes import LANES, higher, lane, lanes_of, lower, weights_at
 
 
 def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -160,22 +159,29 @@ def bound_body(
 
 
 @helper
+def box_around(x: np.ndarray, first: int, count: int) -> tuple[Vector, Vector]:
+    """Return the corners, m, of the box around particles in x (3, N)."""
+    end = first + count
+    x_low, x_high = bounds_of(x[0, first:end])
+    y_low, y_high = bounds_of(x[1, first:end])
+    z_low, z_high = bounds_of(x[2, first:end])
+    return (x_low, y_low, z_low), (x_high, y_high, z_high)
+
+
+@helper
 def bounds_of(row: np.ndarray) -> tuple[float, float]:
     """Return the least and the largest of numbers (n,)."""
-    low_0 = low_1 = low_2 = low_3 = np.inf
-    high_0 = high_1 = high_2 = high_3 = -np.inf
-    whole = len(row) - len(row) % LANES
-    for start in range(0, whole, LANES):
-        a, b, c, d = row[start], row[start + 1], row[start + 2], row[start + 3]
-        low_0 = a if a < low_0 else low_0
-        low_1 = b if b < low_1 else low_1
-        low_2 = c if c < low_2 else low_2
-        low_3 = d if d < low_3 else low_3
-        high_0 = a if a > high_0 else high_0
-        high_1 = b if b > high_1 else high_1
-        high_2 = c if c > high_2 else high_2
-        high_3 = d if d > high_3 else high_3
+    low = other_low = lanes_of(np.inf)
+    high = other_high = lanes_of(-np.inf)
+    whole = len(row) - len(row) % (2 * LANES)
+    for start in range(0, whole, 2 * LANES):
+        one, two = weights_at(row, start, LANES), weights_at(row, start + LANES, LANES)
+        low, other_low = lower(one, low), lower(two, other_low)
+        high, other_high = higher(one, high), higher(two, other_high)
+    low, high = lower(low, other_low), higher(high, other_high)
+    least, largest = lane(low, 0), lane(high, 0)
+    for k in range(1, LANES):
+        least, largest = min(least, lane(low, k)), max(largest, lane(high, k))
     for index in range(whole, len(row)):
-        low_0, high_0 = min(low_0, row[index]), max(high_0, row[index])
-    low = min(min(low_0, low_1), min(low_2, low_3))
-    return low, max(max(high_0, high_1), max(high_2, high_3))
+        least, largest = min(least, row[index]), max(largest, row[index])
+    return least, largest
