@@ -55,8 +55,12 @@ def step_to(graph, ticks):
 # ------------------------------------------------------------------------------------------ topics
 @pytest.mark.parametrize('distribution', ['surface', 'volume'])
 def test_points_have_every_vertex_and_fall(graph, distribution):
-    graph.sim_node(**SMALL, ball__mass_distribution=distribution)
+    # by a clock: wall time that a busy machine drops would be in the stamps
+    sim = graph.sim_node(use_sim_time=True, **SMALL, ball__mass_distribution=distribution)
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    clock = ClockSource(graph, sim)
+    for frame in range(60, 84):
+        clock.reach(frame * SECOND // 60)
     graph.spin_until(lambda: len(clouds) > 20)
     cloud = clouds[0]
     names = [field.name for field in cloud.fields]
@@ -156,10 +160,12 @@ def test_odometry_is_the_pose_and_twist_of_a_spinning_throw(graph):
 def test_diagnostics_say_what_the_simulation_does(graph):
     graph.sim_node(**SMALL)
     reports = graph.collect(DiagnosticArray, '/diagnostics')
-    graph.spin_until(lambda: len(reports) >= 2)
-    status = reports[-1].status[0]
+    # on a busy machine others come before it, of time that was dropped
+    graph.spin_until(lambda: any(report.status[0].message == 'running' for report in reports[1:]))
+    statuses = [report.status[0] for report in reports[1:]]
+    status = next(status for status in statuses if status.message == 'running')
     values = {item.key: item.value for item in status.values}
-    assert (status.name, status.level, status.message) == (SIM, DiagnosticStatus.OK, 'running')
+    assert (status.name, status.level) == (SIM, DiagnosticStatus.OK)
     assert float(values['real-time factor']) > 0.0
     assert float(values['step time (ms)']) > 0.0
     assert float(values['dropped time (s)']) >= 0.0

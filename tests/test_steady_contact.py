@@ -92,3 +92,13 @@ def test_a_steady_body_meets_what_comes_fast():
         deepest.append(apart.max(axis=1).min())
     assert min(deepest) > -1e-4 * 0.5
     assert min(deepest) < 1e-3  # they have met
+
+
+def test_memory_for_contacts_is_that_of_the_tick_before():
+    world = resting('linear')
+    workspace = world._integrator._workspace
+    _, rows = members(world)
+    assert np.shares_memory(rows, workspace.found)
+    world._state.still_samples[:] = 0
+    world.step(12)
+    assert world._integrator._workspace is workspace
