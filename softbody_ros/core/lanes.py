@@ -106,6 +106,7 @@ if is_compiled():
 
         return intrinsic(choose)
 
+    # the lesser, and the larger, ones of two lanes, each; those of the second one where one is NaN
     lower, higher = _selected('<'), _selected('>')
 
     @intrinsic
@@ -183,11 +184,11 @@ else:
         return _Plain([value] * LANES)
 
     def lower(one: Any, two: Any) -> Any:
-        """Return the lesser ones of two lanes, each; those of the second one where one is NaN."""
+        """Return the lesser ones of two lanes."""
         return _Plain(a if a < b else b for a, b in zip(one, two, strict=True))
 
     def higher(one: Any, two: Any) -> Any:
-        """Return the larger ones of two lanes, each; those of the second one where one is NaN."""
+        """Return the larger ones of two lanes."""
         return _Plain(a if a > b else b for a, b in zip(one, two, strict=True))
 
     def lane(lanes: Any, k: int) -> float:
