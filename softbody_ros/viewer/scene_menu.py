@@ -162,9 +162,9 @@ class SceneMenu:
         reason = reason or await self._remote.set_together(request.values)
         if reason:
             self._expect(False)
-            self._notify(f'{name} is not loaded', reason, 'red')
             if request.from_nothing:
                 await self._restore(before)
+            self._notify(f'{name} is not loaded', reason, 'red')
             return
         await self._reset()
         self._notify(f'{name} is loaded', '; '.join(request.notes), 'green')
