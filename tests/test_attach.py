@@ -472,6 +472,29 @@ def test_a_body_asleep_wakes_when_its_hand_moves():
     assert not world.is_asleep('body')
 
 
+@pytest.mark.parametrize('is_received', [False, True])
+def test_a_body_asleep_falls_when_its_hand_is_gone(is_received):
+    far = dataclasses.replace(CUP, position=(3.0, 0.0, 3.0))
+    hold = {'attach_radius': 0.0, 'attach_indices': (TOP,)}
+    world = World(WorldConfig(bodies=(body(BALL, mass=MASS, damping=1.0),), obstacles=(far,)))
+    if is_received:
+        world.change_obstacles([ObstacleUpdate(('hand', 1), far)])
+    configured(world, attach_to='hand/1' if is_received else 'cup', **hold)
+    for _ in range(100):
+        world.step(48)
+        if world.is_asleep('body'):
+            break
+    assert world.is_asleep('body')
+    before = centre(world)[2]
+    if is_received:
+        world.change_obstacles([ObstacleRemoval('hand', 1)])
+    else:
+        world.remove('cup')
+    assert held(world) == []
+    world.step(60)
+    assert centre(world)[2] < before - 0.1
+
+
 def test_pins_report_what_they_carry():
     world = floating(
         body(BALL, name='one', mass=MASS, pins_indices=(TOP,), position=(0.0, 0.0, 0.0)),

@@ -633,3 +633,37 @@ def test_points_that_appear_inside_a_rigid_body_do_not_throw_it(count, friction)
             # it gets out at 2 RMS radii a second, 1 m/s, and as from between wedges; the
             # compliance of the contacts alone would throw it at 100 m/s
             assert np.abs(world.velocities('body')).max() < 6.0
+
+
+# ------------------------------------------------------------------------------------- bad numbers
+BAD = {
+    'place': lambda world: world.place('body', (0.0, np.nan, 0.0), np.eye(3)),
+    'place, rotation': lambda world: world.place('body', (0.0, 0.0, 0.0), np.full((3, 3), np.inf)),
+    'place, shape': lambda world: world.place('body', (0.0, 0.0, 0.0), np.eye(2)),
+    'set_twist': lambda world: world.set_twist('body', (0.0, 0.0, np.inf), np.zeros(3)),
+    'set_twist, shape': lambda world: world.set_twist('body', np.zeros(3), 1.0),
+    'apply_wrench': lambda world: world.apply_wrench('body', (np.nan, 0, 0), (0, 0, 0), 1.0),
+    'apply_wrench, shape': lambda world: world.apply_wrench(None, (1, 0), (0, 0, 0), 1.0),
+    'apply_wrench, seconds': lambda world: world.apply_wrench(
+        'body', (1, 0, 0), (0, 0, 0), np.inf
+    ),
+    'override_gravity': lambda world: world.override_gravity((0.0, 0.0, np.nan), 1.0),
+    'override_gravity, shape': lambda world: world.override_gravity(9.81, 1.0),
+    'override_gravity, seconds': lambda world: world.override_gravity((0.0, 0.0, 1.0), np.nan),
+    'poke': lambda world: world.poke((np.nan, 0.0, 0.0), 1.0, 1.0),
+    'poke, impulse': lambda world: world.poke((0.0, 0.0, 0.5), np.nan, 10.0),
+    'poke, radius': lambda world: world.poke((0.0, 0.0, 0.5), 1.0, np.nan),
+    'poke, text': lambda world: world.poke('here', 1.0, 1.0),
+}
+
+
+@pytest.mark.parametrize('call', BAD)
+def test_numbers_that_are_none_are_refused_without_effect(call):
+    world = resting()
+    before, inputs = bytes_of(world), world.external_inputs
+    with pytest.raises(ConfigError, match='must be'):
+        BAD[call](world)
+    assert bytes_of(world) == before
+    assert world.external_inputs is inputs
+    assert world.is_asleep('body')
+    world.step(10)

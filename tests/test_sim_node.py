@@ -96,19 +96,24 @@ def test_points_markers_and_rest_mesh_agree(graph):
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
     markers = graph.collect(Marker, f'{SIM}/mesh')
     meshes = graph.collect(Mesh, f'{SIM}/rest_mesh', LATCHED)
-    graph.spin_until(lambda: clouds and len(markers) >= 2 and meshes)
+    shown = {}
+
+    def are_shown():
+        shown.update((marker.ns, marker) for marker in markers)
+        return len(shown) == 2
+
+    graph.spin_until(lambda: clouds and meshes and are_shown())
+    one, two = shown['one'], shown['two']
     points = records(clouds[-1])
     np.testing.assert_array_equal(points['body'], [0] * 42 + [1] * 26)
     assert points['displacement'].max() > 1e-3
 
     corners = [i for face in meshes[0].triangles for i in face.vertex_indices]
     assert len(meshes[0].vertices) == len(points)
-    shown = np.concatenate([[[p.x, p.y, p.z] for p in marker.points] for marker in markers[-2:]])
+    drawn = np.concatenate([[[p.x, p.y, p.z] for p in marker.points] for marker in (one, two)])
     expected = np.stack([points[axis][corners] for axis in 'xyz'], axis=1)
-    np.testing.assert_array_equal(shown.astype(np.float32), expected)
+    np.testing.assert_array_equal(drawn.astype(np.float32), expected)
 
-    one, two = markers[-2:]
-    assert (one.ns, two.ns) == ('one', 'two')
     for marker in (one, two):
         assert (marker.type, marker.action, marker.id) == (Marker.TRIANGLE_LIST, Marker.ADD, 0)
         assert (marker.header.frame_id, marker.pose.orientation.w) == ('map', 1.0)

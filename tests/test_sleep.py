@@ -530,3 +530,89 @@ def test_what_sleeps_after_a_restored_snapshot_sleeps_at_the_same_tick():
         ticks.append(world.tick)
         world.step(300)
     assert ticks[0] == ticks[1]
+
+
+# ------------------------------------------------------------------- what turns, what is restored
+STAND = ObstacleConfig(name='stand', type='box', size=(0.2, 0.2, 0.5), position=(1.0, 0, 0.5))
+
+
+def swept(angular, sleeps):
+    """Return how far a bat that turns about the z axis knocks a ball off its table, m."""
+    bat = ObstacleConfig(
+        name='bat', type='box', size=(1.0, 0.02, 0.02), position=(0.0, 0.0, 1.045),
+        orientation=(0.0, 0.0, np.sin(0.69), np.cos(0.69)),
+    )  # fmt: skip
+    ball = body('icosphere', size=0.04, mode='rigid', position=(0.99, 0.0, 1.04))
+    world = World(WorldConfig(time_step=1 / 60, bodies=(ball,), obstacles=(STAND, bat)))
+    world.step(240 if sleeps else 10)
+    assert world.is_asleep('body') == sleeps
+    before = centre(world)
+    world.move_obstacle('bat', bat.position, None, angular=(0.0, 0.0, -angular))
+    world.step(10)
+    return np.linalg.norm(centre(world) - before)
+
+
+@pytest.mark.parametrize('angular', [18.0, 20.0])
+def test_a_bat_that_turns_hits_who_sleeps_as_who_is_awake(angular):
+    awake, asleep = (swept(angular, sleeps) for sleeps in (False, True))
+    assert asleep == pytest.approx(awake, rel=0.2)
+    assert asleep > 0.1
+
+
+def test_a_plane_that_turns_wakes_all_it_may_reach():
+    ball = body('icosphere', size=0.04, mode='rigid', position=(0.99, 0.0, 1.04))
+    ground = ObstacleConfig(name='ground', position=(0.0, 0.0, -1.0))
+    world = World(WorldConfig(bodies=(ball,), obstacles=(STAND, ground)))
+    world.step(960)
+    assert world.is_asleep('body')
+    world.move_obstacle('ground', ground.position, None, angular=(0.0, 30.0, 0.0))
+    world.step()
+    assert not world.is_asleep('body')
+
+
+def test_what_turns_beside_a_sleeper_and_cannot_reach_it_lets_it_sleep():
+    fan = ObstacleConfig(
+        name='fan', type='box', size=(0.5, 0.05, 0.05), position=(1.1, 0.0, 0.5),
+        velocity_angular=(0.0, 0.0, 30.0),
+    )  # fmt: skip
+    world = World(
+        WorldConfig(
+            bodies=(body('box', position=(0.0, 0.0, 0.52)),),
+            obstacles=(ObstacleConfig(name='ground'), fan),
+        )
+    )
+    world.step(960)
+    assert world.is_asleep('body')
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'gravity_direction': (0.0, 1.0, -0.2)},
+        {'obstacles': (ObstacleConfig(name='ground', position=(0.0, 0.0, -0.5)),)},
+        {'bodies': {'pins_indices': ()}},
+    ],
+)
+def test_what_slept_under_other_parameters_is_awake_when_it_is_restored(change):
+    """A snapshot keeps the state; what is present keeps the parameters that it has now."""
+    pinned = body('box', position=(0.0, 0.0, 0.502), pins_indices=(0, 1, 2))
+    world = World(WorldConfig(bodies=(pinned,)))
+    while not world.is_asleep('body'):
+        world.step(24)
+    saved = world.snapshot()
+    world.restore(saved)
+    assert world.is_asleep('body')
+    if 'bodies' in change:
+        change = {'bodies': (dataclasses.replace(pinned, **change['bodies']),)}
+    world.configure(dataclasses.replace(world.config, **change))
+    world.restore(saved)
+    assert not world.is_asleep('body')
+
+
+def test_what_slept_with_another_start_state_sleeps_when_it_is_restored():
+    world = lying()
+    saved = world.snapshot()
+    moved = dataclasses.replace(world.config.bodies[0], position=(1.0, 2.0, 3.0))
+    world.configure(dataclasses.replace(world.config, bodies=(moved,)))
+    world.restore(saved)
+    assert world.is_asleep('body')

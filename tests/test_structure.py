@@ -682,19 +682,20 @@ def test_a_state_that_is_written_is_there_and_goes_on():
 @pytest.mark.parametrize(
     ('values', 'sentence'),
     [
-        (np.zeros((41, 3)), r'have the shape \(41, 3\): it must be \(42, 3\)'),
-        (np.zeros((3, 42)), r'have the shape \(3, 42\): it must be \(42, 3\), a row of x, y, z'),
-        (1.0, r'have the shape \(\)'),
-        ([[1.0, 2.0], [3.0]], r'are no array of numbers: it must be \(42, 3\)'),
-        ('here', 'are no array of numbers'),
+        (np.zeros((41, 3)), r'its shape is \(41, 3\), it must be \(42, 3\)'),
+        (np.zeros((3, 42)), r'its shape is \(3, 42\), it must be \(42, 3\), x, y, z of'),
+        (1.0, r'its shape is \(\), it must be'),
+        ([[1.0, 2.0], [3.0]], r'it is no array of numbers, it must be x, y, z of each vertex'),
+        ('here', 'it is no array of numbers'),
+        (np.full((42, 3), np.nan), 'a number of it is nan, all must be finite'),
     ],
 )
 def test_a_state_of_another_shape_is_refused_without_effect(values, sentence):
     world, good = few(), np.ones((42, 3))
     before = everything(world)
-    with pytest.raises(ConfigError, match='positions of bag ' + sentence):
+    with pytest.raises(ConfigError, match='positions of bag: ' + sentence):
         world.set_state('bag', values, good)
-    with pytest.raises(ConfigError, match='velocities of bag ' + sentence):
+    with pytest.raises(ConfigError, match='velocities of bag: ' + sentence):
         world.set_state('bag', good, values)
     with pytest.raises(ConfigError, match=r"no body 'bga': did you mean bag\?"):
         world.set_state('bga', good)

@@ -481,8 +481,12 @@ def test_the_node_publishes_the_fine_surface_and_the_simulated_particles(graph, 
     clouds = graph.collect(PointCloud2, '/softbody_sim/points')
     meshes = graph.collect(Mesh, '/softbody_sim/rest_mesh', latched)
     visuals = graph.collect(MarkerArray, '/softbody_sim/visual_mesh', latched)
-    graph.spin_until(lambda: len(markers) >= 2 and clouds and meshes and visuals)
-    ball, cube = markers[-2:]
+
+    def shown_bodies():
+        return {marker.ns: marker for marker in markers}
+
+    graph.spin_until(lambda: len(shown_bodies()) == 2 and clouds and meshes and visuals)
+    ball, cube = shown_bodies()['ball'], shown_bodies()['cube']
     assert (len(ball.points), len(cube.points)) == (3 * 5120, 3 * 12)
     assert (clouds[-1].width, len(meshes[-1].vertices)) == (208, 208)
     corners = np.array([[p.x, p.y, p.z] for p in ball.points]).reshape(-1, 3, 3)

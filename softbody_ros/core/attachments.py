@@ -15,7 +15,7 @@ import numpy as np
 
 from softbody_ros.core.collision.obstacles import Obstacle, is_same
 from softbody_ros.core.config import BodyConfig, ConfigError, shown, unknown_name
-from softbody_ros.core.contact_forces import ObstacleKey
+from softbody_ros.core.contact_forces import ObstacleKey, name_of_obstacle
 from softbody_ros.core.shape_matching.pins import Pins, attached_pins, particles_of
 from softbody_ros.core.shape_matching.rest_shape import RestShape, weighted_mean
 from softbody_ros.core.state import Body, State
@@ -76,9 +76,7 @@ def _rows_of(
 
     That of the config; else, of those received, what `namespace/id` names; else all of a link.
     """
-    names: list[str] = []
-    for key, obstacle in zip(keys, obstacles, strict=False):  # the last key is that of points
-        names.append(f'{key[0]}/{key[1]}' if isinstance(key, tuple) else obstacle.config.name)
+    names = [name_of_obstacle(key) for key in keys[: len(obstacles)]]  # the last one is of points
     wanted = config.attach_to
     links = [obstacle.config.name for obstacle in obstacles]
     rows = [row for row, name in enumerate(names) if name == wanted]
@@ -117,7 +115,7 @@ class Holders:
 
     def follow(
         self, obstacles: Sequence[Obstacle], keys: Sequence[ObstacleKey], placed: bool
-    ) -> tuple[list[int], bool]:
+    ) -> tuple[list[int], list[int]]:
         """
         Find the obstacles as they are now; bodies lose the pins of those that are there no more.
 
@@ -133,15 +131,16 @@ class Holders:
         -------
         moved : list of int
             bodies whose obstacle has another pose or velocity
-        lost : bool
-            whether the pins of some body are gone
+        lost : list of int
+            bodies whose pins are gone
 
         """
-        moved, lost = [], False
+        moved, lost = [], []
         for index, before in self._present.items():
             pins = self._bodies[index].pins
             if pins is None or pins.holder not in keys:
-                self._bodies[index].pins, lost = None, True
+                self._bodies[index].pins = None
+                lost.append(index)
                 continue
             row = keys.index(pins.holder)
             self._state.bodies['holder'][index] = row

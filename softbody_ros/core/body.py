@@ -10,6 +10,7 @@ that holds the state; a tick writes the other one, which becomes the state when 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 import zlib
 
 import numpy as np
@@ -18,17 +19,29 @@ RIGID, LINEAR_MODE, QUADRATIC_MODE = 0, 1, 2
 """Values of `mode`, in the order of `config.MODES`."""
 QUADRATIC_FEATURES = 9
 
-IDENTITIES = 1 << 20
+IDENTITIES = 1 << 19
 
 
-def identity(name: str) -> int:
-    """Return a number for a name of a body or an obstacle, the same in any world."""
-    return zlib.crc32(name.encode()) % IDENTITIES
+def identities(names: Collection[str]) -> list[int]:
+    """
+    Return a number below IDENTITIES for each name of a body, or an obstacle; no two are equal.
+
+    They do not depend on the order of the names, and mostly not on the others.
+    """
+    number: dict[str, int] = {}
+    taken: set[int] = set()
+    for name in sorted(names):
+        free = zlib.crc32(name.encode()) % IDENTITIES
+        while free in taken:
+            free = (free + 1) % IDENTITIES
+        number[name] = free
+        taken.add(free)
+    return [number[name] for name in names]
 
 
 BODY = np.dtype(
     [
-        ('id', np.int64),  # see `identity`
+        ('id', np.int64),  # see `identities`
         # indices into the arrays of the world
         ('first', np.int64),  # its first particle
         ('count', np.int64),

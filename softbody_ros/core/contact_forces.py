@@ -31,6 +31,11 @@ all point obstacles together.
 """
 
 
+def name_of_obstacle(key: ObstacleKey) -> str:
+    """Return the name by which an obstacle is asked for: `namespace/id` if it was received."""
+    return f'{key[0]}/{key[1]}' if isinstance(key, tuple) else key or ''
+
+
 @dataclass(frozen=True, eq=False)
 class ContactImpulse:
     """

@@ -11,6 +11,7 @@ together.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+import math
 
 import numpy as np
 
@@ -222,9 +223,25 @@ def disturbed(boxes: Boxes, obstacles: Sequence[Obstacle]) -> np.ndarray:
     result = np.zeros(len(boxes[0]), dtype=bool)
     for obstacle in obstacles:
         if obstacle.drives:
-            speed = float(np.linalg.norm(obstacle.config.velocity_linear))
-            result |= near_obstacle(boxes, obstacle, speed * SAMPLE_INTERVAL)
+            result |= reached(boxes, obstacle, SAMPLE_INTERVAL)
     return result
+
+
+def reached(boxes: Boxes, obstacle: Obstacle, seconds: float) -> np.ndarray:
+    """Return which boxes (B,) bool a moving obstacle may reach within some time."""
+    config = obstacle.config
+    travel = seconds * float(np.linalg.norm(config.velocity_linear))
+    turn = seconds * float(np.linalg.norm(config.velocity_angular))
+    if turn == 0.0:
+        return near_obstacle(boxes, obstacle, travel)
+    low, high = boxes
+    if math.isinf(obstacle.radius):  # a plane that turns
+        return np.ones(len(low), dtype=bool)
+    # what turns stays within its bounding ball
+    nearest = np.clip(obstacle.position, low, high)
+    distance = np.linalg.norm(nearest - obstacle.position, axis=1)
+    is_in_ball = distance <= obstacle.radius + travel
+    return is_in_ball & near_obstacle(boxes, obstacle, travel + turn * obstacle.radius)
 
 
 def near_obstacle(boxes: Boxes, obstacle: Obstacle, reach: float | np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softbody_ros.core.body import BODY, identity
+from softbody_ros.core.body import BODY, identities
 from softbody_ros.core.config import BodyConfig
 from softbody_ros.core.contact.exchange import rearranged
 from softbody_ros.core.contact.rows import NO_MEMORY
@@ -125,6 +125,11 @@ class ObstacleTotals:
     keys: tuple[Hashable, ...]
     since: np.ndarray
     total: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory."""
+        return self.since.nbytes + self.total.nbytes
 
 
 class ShapeTable:
@@ -255,10 +260,10 @@ class State:
 
     def __init__(self, bodies: Sequence[Body]) -> None:
         self.bodies = np.zeros(len(bodies), BODY)
+        self.bodies['id'] = identities([body.config.name for body in bodies])
         first = first_match = 0
         for record, body in zip(self.bodies, bodies, strict=True):
             count, regions = body.rest.particle_count, body.regions
-            record['id'] = identity(body.config.name)
             record['first'], record['count'] = first, count
             record['surface'] = body.rest.surface_count
             record['first_match'] = first_match

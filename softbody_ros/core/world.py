@@ -112,11 +112,14 @@ class Snapshot:
     obstacles: tuple[Obstacle, ...]
     inputs: ExternalInputs
     obstacle_totals: ObstacleTotals
+    gravity: np.ndarray
 
     @property
     def nbytes(self) -> int:
         """Bytes of memory."""
-        return sum(state.nbytes for state in self.states) + self.inputs.nbytes
+        states = sum(state.nbytes for state in self.states)
+        contacts = self.contact_memory.nbytes + self.obstacle_totals.nbytes
+        return states + contacts + self.inputs.nbytes
 
     @property
     def settings_nbytes(self) -> dict[int, int]:
@@ -176,6 +179,8 @@ class World:
         self._bodies = [self._make_body(body) for body in config.bodies]
         self._holders: Holders
         self._obstacles = tuple(obstacles.made(item) for item in config.obstacles)
+        # of the config, received, and both
+        self._present = self._obstacles, self._inputs.obstacles, self._obstacles
         self._awake: np.ndarray | None = None
         self._environment: Environment
         self._build()
@@ -219,7 +224,7 @@ class World:
         inputs, moved = self._inputs.moved(h), self._obstacles
         if self._obstacles_move:
             moved = tuple(obstacles.moved(obstacle, h) for obstacle in moved)
-        environment = self._environment_of(moved + inputs.obstacles, inputs)
+        environment = self._environment_of(self._joined(moved, inputs.obstacles), inputs)
         if inputs.wrenches or self._any_wrench:
             self._apply_wrenches()
         if self._awake is None or len(self._awake) < len(self._bodies):
@@ -243,6 +248,14 @@ class World:
             self._set_inputs(after)
         if self.tick % self._sleep_interval == 0:
             self._update_sleep()
+
+    def _joined(
+        self, standing: tuple[Obstacle, ...], received: tuple[Obstacle, ...]
+    ) -> tuple[Obstacle, ...]:
+        """Return both together, the same object as long as they are the same ones."""
+        if standing is not self._present[0] or received is not self._present[1]:
+            self._present = standing, received, standing + received
+        return self._present[2]
 
     def _environment_of(
         self, present: tuple[Obstacle, ...], inputs: ExternalInputs
@@ -269,7 +282,7 @@ class World:
         cloud: PointObstacles,
         surfaces: CollisionSurfaces,
     ) -> Environment:
-        records, trees = self._obstacle_table.refresh(present)
+        records, trees = self._obstacle_table.refresh(present, self.obstacle_keys[:-1])
         points, sets = self._fixed_points.refresh(cloud, present, records)
         return Environment(gravity, present, records, trees, cloud, points, sets, surfaces)
 
@@ -436,8 +449,15 @@ class World:
             m
         rotation : (3, 3) float
 
+        Raises
+        ------
+        ConfigError
+            if there is no such body, or a number is not finite; nothing has changed then.
+
         """
         index, fit = self._index_of(name), self.rigid_fit(name)
+        position = _vector(position, 'position')
+        rotation = _finite(rotation, (3, 3), 'rotation', 'a matrix')
         x, v = self._state.positions(index), self._state.velocities(index)
         rotation_change = rotation @ fit.rotation.T
         arms = x - fit.position[:, None]
@@ -461,8 +481,14 @@ class World:
         angular : (3,) float
             rad/s, world axes
 
+        Raises
+        ------
+        ConfigError
+            if there is no such body, or a number is not finite; nothing has changed then.
+
         """
         index = self._index_of(name)
+        linear, angular = _vector(linear, 'linear'), _vector(angular, 'angular')
         arms = self._state.positions(index) - self.rigid_fit(name).position[:, None]
         self._state.velocities(index)[:] = rigid_field(linear, angular, arms)
         self._wake(index)
@@ -479,7 +505,7 @@ class World:
         Raises
         ------
         ConfigError
-            if the shape of an array is wrong; nothing has changed then.
+            if the shape of an array is wrong, or a number is not finite; nothing has changed then.
 
         """
         index = self._index_of(name)
@@ -504,13 +530,16 @@ class World:
         bodies = tuple(dataclasses.replace(body) for body in self._bodies)
         memory = self._state.contact_memory
         totals = self._state.save_obstacles()
-        return Snapshot(self.tick, bodies, states, memory, self._obstacles, self._inputs, totals)
+        return Snapshot(
+            self.tick, bodies, states, memory, self._obstacles, self._inputs, totals, self.gravity
+        )
 
     def restore(self, snapshot: Snapshot) -> None:
         """
         Return to the state of a snapshot of this world, including its bodies and obstacles.
 
-        Those that are present, or present again, keep the parameters that they have now.
+        Those that are present, or present again, keep the parameters that they have now. Bodies
+        that were asleep with others are awake.
         """
         self._restore_structure(snapshot)
         self.tick = snapshot.tick
@@ -530,6 +559,18 @@ class World:
         self._restore_attachments(snapshot)
         self._state.contact_memory = snapshot.contact_memory
         self._awake = None
+        self._wake_changed_since(snapshot)
+
+    def _wake_changed_since(self, snapshot: Snapshot) -> None:
+        """Wake what was asleep in a snapshot with other parameters."""
+        if (snapshot.gravity != self.gravity).any():
+            self._wake(slice(None))
+        for index, (body, saved) in enumerate(zip(self._bodies, snapshot.bodies, strict=True)):
+            if not _moves_alike(saved.config, body.config):
+                self._wake(index)
+        for obstacle, before in zip(self._obstacles, snapshot.obstacles, strict=True):
+            if obstacle.config != before.config:
+                self._wake_near([before, obstacle])
 
     # -------------------------------------------------------------------------------- structure
     def add(self, config: BodyConfig | ObstacleConfig) -> None:
@@ -575,7 +616,7 @@ class World:
         """
         for index, obstacle in enumerate(self._obstacles):
             if obstacle.config.name == name:
-                self._let_go_of((), [obstacle])
+                self._let_go_of([], [index])
                 kept = self._obstacles[:index] + self._obstacles[index + 1 :]
                 configs = tuple(each.config for each in kept)
                 self.config = dataclasses.replace(self.config, obstacles=configs)
@@ -587,25 +628,26 @@ class World:
                 f'there is no body or obstacle {shown(name)}: {unknown_name(name, names)}'
             )
         index = self._index[name]
-        self._let_go_of([index], ())
+        self._let_go_of([index], [])
         others = self._bodies[:index] + self._bodies[index + 1 :]
         bodies = tuple(body.config for body in others)
         self.config = dataclasses.replace(self.config, bodies=bodies)
         self._replace_bodies(others)
 
-    def _let_go_of(self, indices: Iterable[int], standing: Iterable[Obstacle]) -> None:
+    def _let_go_of(self, indices: list[int], rows: list[int]) -> None:
         """Wake what touches bodies and obstacles that are removed; forget what acts on these."""
-        names = [obstacle.config.name for obstacle in standing]
-        self._wake_near(standing)
+        self._wake_near(self._obstacles[row] for row in rows)
         low, high = self._boxes()
         for index in indices:
             # bodies asleep on top of it must fall
             touching = ((low <= high[index]) & (low[index] <= high)).all(axis=1)
             self._wake(touching)
-            still = np.zeros(3)
-            names.append(self._bodies[index].config.name)
-            self._inputs = self._inputs.with_wrench(names[-1], Wrench(still, still, False, 0))
-        self._state.contact_memory = without(self._state.contact_memory, names)
+            name, still = self._bodies[index].config.name, np.zeros(3)
+            self._inputs = self._inputs.with_wrench(name, Wrench(still, still, False, 0))
+        records = self._environment_of(self.obstacles, self._inputs).records
+        self._state.contact_memory = without(
+            self._state.contact_memory, self._state.bodies['id'][indices], records['id'][rows]
+        )
 
     def prepare(
         self, config: WorldConfig, base: WorldConfig | None = None, lenient: bool = False
@@ -723,9 +765,12 @@ class World:
             for index, body in enumerate(self._bodies)
             if _structure(body.config) not in wanted
         ]
-        self._let_go_of(
-            gone, [item for item in self._obstacles if _structure(item.config) not in wanted]
-        )
+        removed = [
+            row
+            for row, item in enumerate(self._obstacles)
+            if _structure(item.config) not in wanted
+        ]
+        self._let_go_of(gone, removed)
         bodies, standing = bodies + new_bodies, standing + new_obstacles
         self.config = dataclasses.replace(
             self.config,
@@ -925,7 +970,7 @@ class World:
         if not self._holders:
             return
         moved, lost = self._holders.follow(self.obstacles, self.obstacle_keys, placed)
-        for index in moved:
+        for index in moved + lost:
             self._wake(index)
         if lost:
             self._use_pins()
@@ -1018,18 +1063,35 @@ class World:
         in_body_axes : bool
             whether both rotate with the body, or are in world axes
 
+        Raises
+        ------
+        ConfigError
+            if there is no such body, or a number is not finite; nothing has changed then.
+
         """
         if name is not None:
             self._index_of(name)
-        ends_at = self.tick + ticks_of(seconds, self.config.time_step)
-        force, torque = np.array(force, dtype=float), np.array(torque, dtype=float)
+        force, torque = _vector(force, 'force'), _vector(torque, 'torque')
+        ends_at = self._after(seconds)
         wrench = Wrench(force, torque, in_body_axes, ends_at)
         self._set_inputs(self._inputs.with_wrench(EVERY_BODY if name is None else name, wrench))
 
     def override_gravity(self, gravity: ArrayLike, seconds: float) -> None:
-        """Override the config's gravity for some time, m/s²."""
-        ends_at = self.tick + ticks_of(seconds, self.config.time_step)
-        self._set_inputs(self._inputs.with_gravity(np.array(gravity, dtype=float), ends_at))
+        """
+        Override the config's gravity, m/s², for some seconds.
+
+        Raises
+        ------
+        ConfigError
+            if a number is not finite; nothing has changed then.
+
+        """
+        gravity = _vector(gravity, 'gravity')
+        self._set_inputs(self._inputs.with_gravity(gravity, self._after(seconds)))
+
+    def _after(self, seconds: float) -> int:
+        """Return the first tick after some time."""
+        return self.tick + ticks_of(_number(seconds, 'seconds'), self.config.time_step)
 
     def poke(self, point: ArrayLike, impulse: float, radius: float) -> str:
         """
@@ -1049,7 +1111,14 @@ class World:
         str
             the name of the body, '' if none is within the radius
 
+        Raises
+        ------
+        ConfigError
+            if a number is not finite; nothing has changed then.
+
         """
+        point = _vector(point, 'point')
+        impulse, radius = _number(impulse, 'impulse'), _number(radius, 'radius')
         name, distance = self.nearest(point)
         if distance >= radius:
             return ''
@@ -1064,7 +1133,7 @@ class World:
         self._state.velocities(index)[:] += poke.velocity_change(
             self._state.positions(index),
             body.rest,
-            np.array(point),
+            point,
             radius,
             impulse / self._state.bodies['mass'][index],
             frequency,
@@ -1141,8 +1210,7 @@ class World:
             body.pins = self._pins_by(index, config)
         body.config = config
         self._put_gains(self._state.bodies[index], body)
-        start = {field: getattr(config, field) for field in START_STATE}
-        if dataclasses.replace(old, **start) != config:
+        if not _moves_alike(old, config):
             self._wake(index)
         same = before is body.pins or (
             before is not None and body.pins is not None and before.rest is body.pins.rest
@@ -1385,7 +1453,7 @@ class World:
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         """The obstacles at their present poses: those of the config, then those received."""
-        return self._obstacles + self._inputs.obstacles
+        return self._joined(self._obstacles, self._inputs.obstacles)
 
     @property
     def gravity(self) -> np.ndarray:
@@ -1570,6 +1638,14 @@ def _regions_of(body: BodyConfig, rest: RestShape) -> Regions | None:
     return make_regions(rest, body.regions_count, body.regions_overlap)
 
 
+def _moves_alike(one: BodyConfig, other: BodyConfig) -> bool:
+    """Return whether configs of a body differ at most in what takes effect on `reset`."""
+    if one is other:
+        return True
+    start = {field: getattr(other, field) for field in START_STATE}
+    return dataclasses.replace(one, **start) == other
+
+
 def _require_possible(body: BodyConfig, rest: RestShape) -> None:
     """Raise ConfigError if the settings of a body ask for what its mesh has not."""
     pinned_particles(body, rest)
@@ -1577,16 +1653,39 @@ def _require_possible(body: BodyConfig, rest: RestShape) -> None:
 
 
 def _rows(values: ArrayLike, count: int, what: str) -> np.ndarray:
-    """Return values as an array (count, 3)."""
+    """Return values as an array (count, 3) of finite numbers."""
+    return _finite(values, (count, 3), what, 'x, y, z of each vertex')
+
+
+def _vector(values: ArrayLike, what: str) -> np.ndarray:
+    """Return values as a new array (3,) of finite numbers."""
+    return np.array(_finite(values, (3,), what, 'x, y, z'))
+
+
+def _number(value: float, what: str) -> float:
+    """Return a finite number."""
+    return float(_finite(value, (), what, 'one number'))
+
+
+def _finite(values: ArrayLike, shape: tuple[int, ...], what: str, meaning: str) -> np.ndarray:
+    """
+    Return values as an array of finite numbers.
+
+    Raises
+    ------
+    ConfigError
+        if they are no such numbers, or the shape is another one.
+
+    """
     try:
         array = np.asarray(values, float)
     except (TypeError, ValueError):
-        raise ConfigError(f'{what} are no array of numbers: it must be ({count}, 3)') from None
-    if array.shape != (count, 3):
-        raise ConfigError(
-            f'{what} have the shape {array.shape}: it must be ({count}, 3), a row of x, y, z for '
-            'each vertex'
-        )
+        raise ConfigError(f'{what}: it is no array of numbers, it must be {meaning}') from None
+    if array.shape != shape:
+        raise ConfigError(f'{what}: its shape is {array.shape}, it must be {shape}, {meaning}')
+    if not np.isfinite(array).all():
+        wrong = array[~np.isfinite(array)].flat[0]
+        raise ConfigError(f'{what}: a number of it is {wrong}, all must be finite')
     return array
 
 

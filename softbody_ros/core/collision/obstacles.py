@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from softbody_ros.core.body import identity
+from softbody_ros.core.body import identities
 from softbody_ros.core.collision.shapes import (
     BOX,
     CAPSULE,
@@ -32,6 +32,7 @@ from softbody_ros.core.collision.shapes import (
 )
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.config import ConfigError, ObstacleConfig
+from softbody_ros.core.contact_forces import ObstacleKey, name_of_obstacle
 from softbody_ros.core.geometry.bvh import (
     SurfaceTree,
     Trees,
@@ -64,7 +65,7 @@ ROUNDING = 1e-9
 
 OBSTACLE = np.dtype(
     [
-        ('id', np.int64),  # see `body.identity`
+        ('id', np.int64),  # see `body.identities`
         ('kind', np.int64),  # Shape.kind
         ('size', np.float64, (3,)),  # m
         ('tree', np.int64),  # index of the tree of a mesh
@@ -281,19 +282,34 @@ class ObstacleTable:
 
     def __init__(self) -> None:
         self._obstacles: tuple[Obstacle, ...] = ()
+        self._keys: tuple[ObstacleKey, ...] = ()
         self._trees: tuple[SurfaceTree, ...] = ()
         self._records = np.zeros(0, OBSTACLE)
         self._packed = pack(())
 
-    def refresh(self, obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, Trees]:
-        """Return the records (o,) OBSTACLE, valid until the next call, and the trees."""
-        obstacles = tuple(obstacles)
+    def refresh(
+        self, obstacles: Sequence[Obstacle], keys: Sequence[ObstacleKey] = ()
+    ) -> tuple[np.ndarray, Trees]:
+        """
+        Return the records (o,) OBSTACLE, valid until the next call, and the trees.
+
+        Parameters
+        ----------
+        obstacles : sequence of Obstacle
+        keys : sequence
+            of these, see `World.obstacle_keys`, by which contacts are known again
+
+        """
+        obstacles, keys = tuple(obstacles), tuple(keys)
         known: tuple[Obstacle | None, ...] = self._obstacles
         if len(known) != len(obstacles):
             self._records = np.zeros(len(obstacles), OBSTACLE)
-            known = (None,) * len(obstacles)
-        elif all(map(operator.is_, obstacles, known)):
+            known, self._keys = (None,) * len(obstacles), ()
+        elif keys == self._keys and all(map(operator.is_, obstacles, known)):
             return self._records, self._packed
+        if keys != self._keys:
+            self._keys = keys
+            self._records['id'] = identities([name_of_obstacle(key) for key in keys])
         self._obstacles = obstacles
         trees = tuple(dict.fromkeys(each.tree for each in obstacles if each.tree))
         repacked = trees != self._trees
@@ -326,14 +342,13 @@ def _surface_of(obstacle: Obstacle) -> tuple[object, ...]:
     """Return all that `_put_surface` depends on."""
     config = obstacle.config
     return (
-        config.name, config.velocity_linear, config.velocity_angular, config.surface_velocity,
+        config.velocity_linear, config.velocity_angular, config.surface_velocity,
         config.friction, config.elasticity,
     )  # fmt: skip
 
 
 def _put_surface(record: np.void, obstacle: Obstacle) -> None:
     config = obstacle.config
-    record['id'] = identity(config.name)
     record['moves'] = obstacle.moves
     record['linear'], record['angular'] = config.velocity_linear, config.velocity_angular
     record['surface_velocity'] = config.surface_velocity

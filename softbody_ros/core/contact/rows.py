@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 import math
 
 import numpy as np
 
-from softbody_ros.core.body import IDENTITIES, RIGID, identity
+from softbody_ros.core.body import IDENTITIES, RIGID
 from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
@@ -119,6 +118,8 @@ MEMORY = np.dtype(
 )
 """A contact at the last tick."""
 NO_MEMORY = np.zeros(0, MEMORY)
+OWNER, PARTNER = 1 << 23, 1 << 42
+"""Factors of their `id` in the key of a contact, beyond the numbers of particles and of owners."""
 OF_BODIES, OF_POINTS = 1 << 61, 1 << 62
 """Kinds of contacts in their keys; those with obstacles have none."""
 
@@ -137,24 +138,23 @@ def key_of(kind: int, partner: int, owner: int, particle: int) -> int:
         of that body
 
     """
-    return kind + (partner << 41) + (owner << 21) + particle
+    return kind + partner * PARTNER + owner * OWNER + particle
 
 
 @helper
 def concerns(key: int, number: int) -> bool:
     """Return whether a key is that of a contact of a body, or on it, by its `id`."""
-    partner, owner = (key >> 41) % IDENTITIES, (key >> 21) % IDENTITIES
-    return owner == number or (partner == number and key < OF_POINTS)
+    partner, owner = key // PARTNER % IDENTITIES, key // OWNER % IDENTITIES
+    return owner == number or (partner == number and OF_BODIES <= key < OF_POINTS)
 
 
-def without(memory: np.ndarray, names: Iterable[str]) -> np.ndarray:
-    """Return MEMORY without contacts of bodies and obstacles that are removed, by their names."""
-    numbers = [identity(name) for name in names]
-    if not numbers or not len(memory):
-        return memory
+def without(memory: np.ndarray, bodies: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
+    """Return MEMORY without contacts of bodies and obstacles that are removed, by their `id`."""
     key = memory['key']
-    partner, owner = (key >> 41) % IDENTITIES, (key >> 21) % IDENTITIES
-    gone = np.isin(owner, numbers) | (np.isin(partner, numbers) & (key < OF_POINTS))
+    partner, owner = key // PARTNER % IDENTITIES, key // OWNER % IDENTITIES
+    of_bodies = (key >= OF_BODIES) & (key < OF_POINTS)
+    gone = np.isin(owner, bodies) | (np.isin(partner, bodies) & of_bodies)
+    gone |= np.isin(partner, obstacles) & (key < OF_BODIES)
     return memory[~gone]
 
 

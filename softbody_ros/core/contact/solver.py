@@ -124,7 +124,13 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
         if over_all:
             count = find_acting(rows, acting)
         is_worth_while = count <= FEW_ACT * len(rows)
-        over_all = sweeps < FIRST_SWEEPS or sweeps % period == 0 or not is_worth_while
+        # the last one, too, as what is not solved is to be known
+        over_all = (
+            sweeps < FIRST_SWEEPS
+            or sweeps % period == 0
+            or sweeps == limit - 1
+            or not is_worth_while
+        )
         if is_small and sweeps == SWEEPS:
             break
         if sweeps % SWEEPS == 1:
