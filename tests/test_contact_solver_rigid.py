@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact.problem import RIGID, Problem
+from softbody_ros.core.contact.problem import RIGID_MODES, Problem
 from softbody_ros.core.contact.rows import ROW
 from softbody_ros.core.contact.solver import solve
 
@@ -20,11 +20,11 @@ def solve_all(rows, jacobian, members, tolerance, result):
     problem = Problem(
         rows,
         jacobian.reshape(-1, jacobian.shape[3]),
-        np.full(members, RIGID),
+        np.full(members, RIGID_MODES),
         np.empty(0),
         np.zeros((3, members, jacobian.shape[3])),
         np.empty((2, 3, 0)),
-        np.empty((members, members, RIGID, RIGID)),
+        np.empty((members, members, RIGID_MODES, RIGID_MODES)),
         np.empty((members, members), np.bool_),
     )
     result[0], sweeps, steps = solve(problem, tolerance, 1.0)
@@ -59,12 +59,12 @@ def test_a_solution_meets_the_laws_of_contact(members, friction, seed):
     rows['base'][:, 0] = random.choice([0.0, 0.2], count)
     rows['radius'] = 0.0
     result = np.zeros(3)
-    room = np.zeros((count, 2, 3, width(RIGID) + 1 - RIGID))
+    room = np.zeros((count, 2, 3, width(RIGID_MODES) + 1 - RIGID_MODES))
     room[..., -1] = np.nan
     solve_all(rows, np.concatenate([jacobian, room], axis=3), members, 1e-10, result)
     assert result[0] <= 1e-10
     # the same operator, written independently
-    matrix = np.zeros((count, 3, members, RIGID))
+    matrix = np.zeros((count, 3, members, RIGID_MODES))
     for k in range(count):
         matrix[k, :, rows['one'][k]] = jacobian[k, 0]
         if rows['two'][k] >= 0:

@@ -24,9 +24,10 @@ which are matched only. A tick is a sequence of stages (step.py), each one or se
 2. contact/detection.py, all contacts of bodies with obstacles, points and each other, as rows
    (rows.py): found by collision/obstacle_contacts.py (shapes in collision/shapes.py, meshes in
    geometry/bvh.py) and collision/body_contacts.py (broad_phase, narrow_phase).
-3. contact/resolution.py: one problem for each island (problem.py, working_set.py), of bodies that
-   yield by their modes (members.py), solved (solver.py, newton.py) once for positions and once
-   for velocities. The equations are in docs/explanation/contact.md.
+3. contact/resolution.py: one problem for each island (island.py, problem.py, working_set.py), of
+   bodies that yield by their modes (members.py), solved (solver.py, newton.py) once for positions
+   (positions.py) and once for velocities (velocities.py). The equations are in
+   docs/explanation/contact.md.
 4. sleeping.py: islands at rest fall asleep, and are not simulated until something wakes them.
 
 What contacts exert in a tick, each stage adds to the results of contact/exchange.py, which are

@@ -208,7 +208,7 @@ class Integrator:
         state = self._state
         return find_missed(
             state.bodies, chosen, state.shapes, state.q, state.x, state.match_centre,
-            state.match_posture, environment.surfaces.arrays, met, self._workspace,
+            state.match_posture, environment.surfaces.arrays, met, self._workspace.needed,
         )  # fmt: skip
 
     def resolve_rows(

@@ -54,8 +54,6 @@ from softbody_ros.core.geometry.vectors import (
 )
 from softbody_ros.core.shape_matching.flight_map import put_start_shape
 
-CONTACTS_PER_PARTICLE = 3
-"""Capacity for contacts of a body with one obstacle, per particle."""
 PASSES = 3
 """Searches: once for those that are steady, and again where others are not; then all have their
 widest margins."""
@@ -145,7 +143,7 @@ def find_rows(
     )  # fmt: skip
     for number in chosen:
         most = max(most, bodies[number]['count'])
-    near, rows = np.empty(CONTACTS_PER_PARTICLE * most, CONTACT), workspace.found
+    near, rows = np.empty(most, CONTACT), workspace.found
     contacts, found, searches = np.empty(0, FACE_CONTACT), 0, 0
     needed = workspace.needed
     while searches < PASSES:
@@ -200,7 +198,7 @@ def find_missed(
     match_posture: np.ndarray,
     surfaces: SurfaceArrays,
     met: np.ndarray,
-    workspace: Workspace,
+    needed: np.ndarray,
 ) -> bool:
     """
     Return whether bodies that were displaced are within others that they had not met before.
@@ -209,8 +207,10 @@ def find_missed(
 
     Parameters
     ----------
-    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, met, workspace
+    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, met
         see `find_rows`; positions at the end of the tick
+    needed : (6,) int
+        of the workspace
 
     """
     for number in chosen:
@@ -227,7 +227,7 @@ def find_missed(
             left += 1
     contacts, _ = find_contacts_of_pairs(
         bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, codes[:left],
-        np.empty((0, 3)), np.empty(0, POINT_SET), low, high, margin, workspace.needed[CANDIDATES],
+        np.empty((0, 3)), np.empty(0, POINT_SET), low, high, margin, needed[CANDIDATES],
     )  # fmt: skip
     misses = False
     for contact in contacts:

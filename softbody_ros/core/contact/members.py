@@ -24,10 +24,10 @@ import math
 
 import numpy as np
 
-from softbody_ros.core.body import QUADRATIC_FEATURES, RIGID
+from softbody_ros.core.body import LINEAR_MODE, QUADRATIC_FEATURES, QUADRATIC_MODE, RIGID
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.exchange import add_wrench_about
-from softbody_ros.core.contact.problem import width_of
+from softbody_ros.core.contact.problem import RIGID_MODES, width_of
 from softbody_ros.core.contact.rows import in_world, side_of
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
@@ -64,8 +64,6 @@ from softbody_ros.core.shape_matching.polar_decomposition import (
 )
 from softbody_ros.core.shape_matching.rigid_motion import INERTIA_CUT
 
-RIGID_MODES = 6
-"""Modes of any body: three translations, three rotations."""
 SMALL_RESPONSE = 1e-12
 """Of deformation, relative to that of a rigid body: below it there is none."""
 
@@ -157,7 +155,7 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
     member['is_soft'], member['has_pins'] = body['mode'] != RIGID, body['pins'] > 0
     member['features'] = 0
     if member['is_soft'] and not body['follows_goals']:
-        member['features'] = 3 if body['mode'] == 1 else QUADRATIC_FEATURES
+        member['features'] = 3 if body['mode'] == LINEAR_MODE else QUADRATIC_FEATURES
     member['starts'] = member['steady'] = False
     member['scale'] = scale
     put_vector(member['centre'], vector_of(body['centre']))
@@ -654,6 +652,6 @@ def put_fit_of_features(
 @helper
 def whitening_at(body: np.void, shape: np.void, k: int, f: int) -> float:
     """Return an element of the matrix of ψ = W f."""
-    if body['mode'] > 1:
+    if body['mode'] == QUADRATIC_MODE:
         return shape['whitening_quadratic'][k, f]
     return shape['whitening_linear'][k, f]

@@ -30,7 +30,7 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.problem import (
-    RIGID,
+    RIGID_MODES,
     Problem,
     add_modes,
     add_particles,
@@ -213,7 +213,7 @@ def is_stiffer(row: np.void, jacobian: np.ndarray, k: int, counts: np.ndarray) -
     """Return whether K of a row is not 0."""
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
-        is_soft = member >= 0 and counts[member] > RIGID
+        is_soft = member >= 0 and counts[member] > RIGID_MODES
         if is_soft and stiffer(jacobian, line_of(k, side), counts[member]) != ZERO:
             return True
     return False

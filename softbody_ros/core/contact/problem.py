@@ -46,8 +46,8 @@ from softbody_ros.core.lanes import (
     totals,
 )
 
-RIGID = 6
-"""Modes of a rigid body."""
+RIGID_MODES = 6
+"""Modes of any body: three translations, three rotations; a rigid one has no others."""
 
 
 class Problem(NamedTuple):
@@ -137,7 +137,7 @@ def add_particles(
                 shifts[axis, particle] += mobility[particle] * share * world[axis]
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
-        if member >= 0 and counts[member] > RIGID:
+        if member >= 0 and counts[member] > RIGID_MODES:
             last = width_of(counts[member])
             y[member, last] += dot(stiffer(jacobian, line_of(k, side), counts[member]), force)
 
@@ -203,7 +203,7 @@ def particle_response(
     )
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
-        if member >= 0 and counts[member] > RIGID:
+        if member >= 0 and counts[member] > RIGID_MODES:
             size = y[member, width_of(counts[member])]
             motion = along(motion, -size, stiffer(jacobian, line_of(k, side), counts[member]))
     return motion
@@ -244,7 +244,7 @@ def normal_particle_response(
     motion = dot(vector_of(row['normal']), apart)
     for side in range(2):
         member = row['one'] if side == 0 else row['two']
-        if member >= 0 and counts[member] > RIGID:
+        if member >= 0 and counts[member] > RIGID_MODES:
             last = width_of(counts[member])
             motion -= y[member, last] * jacobian[line_of(k, side), last]
     return motion
@@ -277,7 +277,7 @@ def find_diagonals(problem: Problem) -> int:
             for mode in range(0, count, LANES):
                 squares = plus(squares, squared_components(modes_at(jacobian, line, mode)))
             size = plus(size, totals(squares))
-            if count > RIGID:
+            if count > RIGID_MODES:
                 size = minus(size, squared_components(stiffer(jacobian, line, count)))
         own = own_mobility(row, problem.mobility) if is_mobile else 0.0
         row['diagonal'][0] = row['compliance'][0] + (size[0] + own)
@@ -349,7 +349,7 @@ def squared_shifts(problem: Problem, y: np.ndarray, shifts: np.ndarray) -> float
             total += dot(shift, shift) / mobility[particle]
     for member in range(len(problem.counts)):
         last = width_of(problem.counts[member])
-        if problem.counts[member] > RIGID:
+        if problem.counts[member] > RIGID_MODES:
             total -= y[member, last] * y[member, last]
     return total
 

@@ -26,7 +26,7 @@ import numpy as np
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.newton import descend, majorise, minimise
 from softbody_ros.core.contact.problem import (
-    RIGID,
+    RIGID_MODES,
     Problem,
     add_modes,
     add_particles,
@@ -440,7 +440,7 @@ def add_tangents(problem: Problem, k: int, share: float) -> None:
             for mode in range(count):
                 modes[1, member, mode] += share * jacobian[line + 1, mode]
                 modes[2, member, mode] += share * jacobian[line + 2, mode]
-            if count > RIGID:
+            if count > RIGID_MODES:
                 last = width_of(count)
                 modes[1, member, last] += share * jacobian[line + 1, last]
                 modes[2, member, last] += share * jacobian[line + 2, last]
@@ -454,7 +454,7 @@ def squared_tangents(problem: Problem, member: int, one: float, two: float) -> t
         for mode in range(count):
             one += first[member, mode] * first[member, mode]
             two += second[member, mode] * second[member, mode]
-        if count > RIGID:
+        if count > RIGID_MODES:
             last = width_of(count)
             one -= first[member, last] * first[member, last]
             two -= second[member, last] * second[member, last]

@@ -42,7 +42,7 @@ LEVER = 2.0
 """Displacement of particles by contacts at others, relative to that at these, at most."""
 SPARE = 2
 """Room for rows, relative to those found after the flight."""
-ABSENT, WAITING, WORKING = 0, 1, 2
+ABSENT, WAITS, WORKS = 0, 1, 2
 """Whether a contact cannot act, takes part once it would be closed, or does from the start."""
 
 OPEN = np.dtype(
@@ -112,7 +112,7 @@ def find_working_set(
     members, rows : (m,) MEMBER, (k,) ROW
     obstacles : (O,) OBSTACLE
     status : (k,) int
-        written: ABSENT, WAITING or WORKING
+        written: ABSENT, WAITS or WORKS
 
     """
     deepest, changes, count = np.zeros(len(members)), np.zeros(len(members)), 0
@@ -137,14 +137,14 @@ def find_working_set(
             index, _ = side_of(row, side)
             if index >= 0:
                 nearby += members[index]['nearby'] + LEVER * displaced[index]
-        status[k] = WORKING
+        status[k] = WORKS
         if deformable and row['is_new'] and gap > nearby:
             status[k] = ABSENT
             continue
         count += 1
         is_closed = (row['coasting'] if steady else row['gap']) <= 0.0
         if deformable and row['is_new'] and not is_closed and may_wait(row, obstacles):
-            status[k] = WAITING
+            status[k] = WAITS
     return count
 
 
@@ -209,7 +209,7 @@ def sort_into_islands(
     for k in range(len(rows)):
         if status[k] != ABSENT:
             first_row[island[rows[k]['one']] + 1] += SPARE
-        if status[k] == WAITING:
+        if status[k] == WAITS:
             first_waiting[island[rows[k]['one']] + 1] += 1
     for number in range(count):
         first_body[number + 1] += first_body[number]
@@ -228,13 +228,13 @@ def sort_into_islands(
         if status[k] == ABSENT:
             continue
         root = island[row['one']]
-        if status[k] == WAITING:
+        if status[k] == WAITS:
             put_open(waiting[first_waiting[root] + filled[root]], k, row, members, local)
             filled[root] += 1
         row['one'] = local[row['one']]
         if row['two'] >= 0:
             row['two'] = local[row['two']]
-        if status[k] == WORKING:
+        if status[k] == WORKS:
             copy_record(own, first_row[root] + working[root], rows, k)
             working[root] += 1
 

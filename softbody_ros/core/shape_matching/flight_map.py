@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from softbody_ros.core.body import RIGID
+from softbody_ros.core.body import LINEAR_MODE, QUADRATIC_MODE, RIGID
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
     Matrix,
@@ -223,7 +223,7 @@ def first_feature(body: np.void, shape: np.void) -> int:
 @helper
 def has_products(body: np.void) -> bool:
     """Return whether products of features, too, are in the map of a body."""
-    return body['mode'] > 1 and not body['follows_goals']
+    return body['mode'] == QUADRATIC_MODE and not body['follows_goals']
 
 
 # ------------------------------------------------------------------------------- whitened features
@@ -248,7 +248,7 @@ def whiten(body: np.void, shape: np.void, moments: np.ndarray, result: np.ndarra
         the moments of a BODY record: 3 rows are used in mode linear, all in mode quadratic
 
     """
-    if body['mode'] > 1:
+    if body['mode'] == QUADRATIC_MODE:
         multiply(shape['whitening_quadratic'], moments, result)
     else:
         multiply(shape['whitening_linear'], moments[:LINEAR], result[:LINEAR])
@@ -276,7 +276,7 @@ def whitened_features(
     rest_q = column_of(q, shape['first'] + i - body['first'])
     if body['mode'] == RIGID:
         return 0
-    if body['mode'] == 1:
+    if body['mode'] == LINEAR_MODE:
         for k in range(LINEAR):
             psi[k] = dot(vector_of(shape['whitening_linear'][k]), rest_q)
         return LINEAR

@@ -41,7 +41,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softbody_ros.core.body import RIGID
+from softbody_ros.core.body import QUADRATIC_MODE, RIGID
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
@@ -238,7 +238,7 @@ def fly_to_goals(
             put_matrix(match_posture[body['first_match']], posture)
             put_vector(match_centre[body['first_match']], motion.mass_offset)
         else:
-            scratch = quadratic if body['mode'] > 1 else linear
+            scratch = quadratic if body['mode'] == QUADRATIC_MODE else linear
             posture = find_goals(
                 body, matched, weights, q, x0, v0, motion, regions, region_members, features,
                 weighted_features, stretch, match_centre, match_posture, scratch,

@@ -109,6 +109,24 @@ def multiply(matrix: np.ndarray, transform: np.ndarray, result: np.ndarray) -> N
 
 
 @helper
+def multiply_gram(shape: np.void, transform: np.ndarray, result: np.ndarray) -> None:
+    """Write the product of the moments of features, Σ w f fᵀ, with a transform."""
+    if len(transform) == LINEAR:
+        multiply(shape['gram'][:LINEAR, :LINEAR], transform, result)
+    else:
+        multiply(shape['gram'], transform, result)
+
+
+@helper
+def multiply_inverse_gram(shape: np.void, moment: np.ndarray, result: np.ndarray) -> None:
+    """Write the product of the inverse of these, where they span space, with a moment."""
+    if len(moment) == LINEAR:
+        multiply(shape['inverse_linear'], moment, result)
+    else:
+        multiply(shape['inverse_quadratic'], moment, result)
+
+
+@helper
 def summed_outer(a: np.ndarray, b: np.ndarray) -> Matrix:
     """Return Σ_f a_f b_fᵀ of two transforms."""
     total = NO_MATRIX
@@ -152,14 +170,12 @@ def fit(moment: np.ndarray, undeformed: Matrix, shape: np.void, result: np.ndarr
     result : (F, 3) float
 
     """
+    multiply_inverse_gram(shape, moment, result)
     if len(moment) == LINEAR:
-        multiply(shape['inverse_linear'], moment, result)
         if not shape['spanned_linear']:
             add_unspanned(shape['unspanned_linear'], undeformed, result)
-    else:
-        multiply(shape['inverse_quadratic'], moment, result)
-        if not shape['spanned_quadratic']:
-            add_unspanned(shape['unspanned_quadratic'], undeformed, result)
+    elif not shape['spanned_quadratic']:
+        add_unspanned(shape['unspanned_quadratic'], undeformed, result)
 
 
 @helper
@@ -298,10 +314,7 @@ def move_to_rest_volume(
     before, target = 1.0, cube_root(rest_volume)
     for step in range(VOLUME_STEPS):
         volume = relative_volume(nearest, shape, gradient)
-        if len(transform) == LINEAR:
-            multiply(shape['inverse_linear'], gradient, direction)
-        else:
-            multiply(shape['inverse_quadratic'], gradient, direction)
+        multiply_inverse_gram(shape, gradient, direction)
         if step == 0:
             before = volume
         slope = max(scalar_product(gradient, direction), LEAST_SLOPE)

@@ -38,7 +38,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softbody_ros.core.body import RIGID
+from softbody_ros.core.body import QUADRATIC_MODE, RIGID
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
@@ -95,7 +95,8 @@ from softbody_ros.core.shape_matching.matching import (
     fit,
     linear_block,
     move_to_rest_volume,
-    multiply,
+    multiply_gram,
+    multiply_inverse_gram,
     relative_volume,
     scalar_product,
     scale_transform,
@@ -191,7 +192,7 @@ def fly(
         shape, now = shapes[body['shape']], body['now']
         body['flowed'] = False
         x0, v0 = x[now], v[now]
-        scratch = quadratic if body['mode'] > 1 else linear
+        scratch = quadratic if body['mode'] == QUADRATIC_MODE else linear
         moment, of_v = scratch[0], scratch[1]
         origin = sample_mean(x0, body)
         offset = scaled(-1.0, origin)
@@ -452,14 +453,12 @@ def find_rest_volume(
     body['degeneracy'] = degeneracy
     slope = max(scalar_product(gradient, direction), LEAST_SLOPE)
     scale_transform(direction, 1.0 / math.sqrt(slope))
-    if len(fitted) == LINEAR:
-        multiply(shape['gram'][:LINEAR, :LINEAR], direction, scratch[7])
-    elif shape['spanned_quadratic']:
+    if len(fitted) > LINEAR and shape['spanned_quadratic']:
         # the gradient itself
         copy(gradient, scratch[7])
         scale_transform(scratch[7], 1.0 / math.sqrt(slope))
     else:
-        multiply(shape['gram'], direction, scratch[7])
+        multiply_gram(shape, direction, scratch[7])
     if degeneracy == 0.0:
         put_matrix(posture[row], linear_block(fitted))
     flow(body, stretch, row, elastic, degeneracy)
@@ -554,10 +553,7 @@ def solve(
         t, fitted_u = vector_of(scratch[2, f]), vector_of(scratch[6, f])
         put_vector(of_x[f], along(along(vector_of(of_x[f]), -a, t), -b, fitted_u))
         put_vector(of_s[f], along(along(vector_of(of_s[f]), -c, t), -d, fitted_u))
-    if len(of_x) == LINEAR:
-        multiply(shape['gram'][:LINEAR, :LINEAR], of_x, gram_x)
-    else:
-        multiply(shape['gram'], of_x, gram_x)
+    multiply_gram(shape, of_x, gram_x)
 
     # moments after the tick, of p pᵀ and p × s
     half = combined(a * b, ru, a, summed_outer(of_x, of_r))
@@ -572,10 +568,7 @@ def solve(
     internal = along(internal, d, summed_cross(of_x, of_u))
     internal = plus(internal, summed_cross(gram_x, of_s))
     gram_s = scratch[9]
-    if len(of_x) == LINEAR:
-        multiply(shape['gram'][:LINEAR, :LINEAR], of_s, gram_s)
-    else:
-        multiply(shape['gram'], of_s, gram_s)
+    multiply_gram(shape, of_s, gram_s)
 
     middle = inverse_inertia_of(combined(0.5, second.rr, 0.5, pp), scale)
     posture = rotation_of(undeformed) if body['has_wrench'] else IDENTITY
@@ -678,10 +671,8 @@ def advance_fit(
     scale_transform(fitted, shape['scale'])
     if body['mode'] == RIGID:
         fill(of_u, 0.0)
-    elif len(fitted) == LINEAR:
-        multiply(shape['inverse_linear'], of_uf, of_u)
     else:
-        multiply(shape['inverse_quadratic'], of_uf, of_u)
+        multiply_inverse_gram(shape, of_uf, of_u)
     target = shape['scale'] * scalar_product(dual, of_x)
     field = centrifugal_field(body, omega)
     for f in range(len(fitted)):
