@@ -100,7 +100,9 @@ def topics_of(sim):
 
 
 def simulation_of(sim):
-    return Simulation(sim._stepper, sim._parameters_of_scene, sim._paused, sim._restarted)
+    return Simulation(
+        sim._stepper, sim._parameters_of_scene, sim._paused, sim._restarted, sim._stepped
+    )
 
 
 HOSTILE = st.one_of(

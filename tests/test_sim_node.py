@@ -257,8 +257,19 @@ def test_failure_stops_with_the_last_good_state_until_reset(graph):
     graph.spin_until(lambda: any(r.status[0].level == DiagnosticStatus.ERROR for r in reports))
     assert np.isfinite(sim._world.positions('ball')).all()
     assert not graph.call(SetBool, f'{SIM}/pause', data=False).success
+    tick = sim._world.tick
+    sim._world.set_state('ball', velocities=np.zeros((42, 3)))
+    answer = graph.call(Trigger, f'{SIM}/step')
+    assert not answer.success and answer.message.endswith('call ~/reset')
+    assert sim._world.tick == tick
     assert graph.call(Trigger, f'{SIM}/reset').success
-    graph.spin_until(lambda: sim._world.tick > 5)
+    graph.spin_until(lambda: sim._world.tick > 5)  # it ran before, so it runs
+    paused(graph)
+    sim._world.set_state('ball', velocities=np.full((42, 3), 1e300))
+    answer = graph.call(Trigger, f'{SIM}/step')
+    assert not answer.success and '0 of 1 steps' in answer.message
+    assert graph.call(Trigger, f'{SIM}/reset').success
+    assert sim._stepper.paused  # it was paused before
 
 
 # -------------------------------------------------------------------------------------- parameters
@@ -508,8 +519,52 @@ def test_the_node_answers_while_it_takes_many_steps(graph):
     assert graph.call(Trigger, f'{SIM}/reset').success
     graph.spin_until(future.done)
     assert sim._world.tick == 0
+    assert not future.result().success
+    assert re.fullmatch(
+        r'\d+ of 1000000 steps were taken, to tick \d+: the simulation was reset; step again',
+        future.result().message,
+    )
     answer = graph.call(Trigger, f'{SIM}/step')
     assert answer.message == 'now at tick 3'
+
+
+@pytest.mark.parametrize('end', ['reset', 'pause'])
+def test_steps_that_end_before_the_first_are_answered_too(graph, end):
+    sim = graph.sim_node(**SMALL)
+    paused(graph)
+    client = graph.node.create_client(Trigger, f'{SIM}/step')
+    graph.spin_until(client.service_is_ready)
+    (timer,) = (timer for timer in sim.timers if timer.timer_period_ns < SECOND)
+    timer.cancel()  # else the step may be taken first
+    tick, future = sim._world.tick, client.call_async(Trigger.Request())
+    graph.spin_until(lambda: sim._stepper.stepping)
+    if end == 'reset':
+        assert graph.call(Trigger, f'{SIM}/reset').success
+    else:
+        assert graph.call(SetBool, f'{SIM}/pause', data=False).success
+    timer.reset()
+    graph.spin_until(future.done)
+    assert not future.result().success
+    assert f'0 of 1 steps were taken, to tick {tick}: ' in future.result().message
+
+
+def test_calls_of_step_add_up_to_a_limit(graph):
+    sim = graph.sim_node(**SMALL, step_count=600_000)
+    paused(graph)
+    client = graph.node.create_client(Trigger, f'{SIM}/step')
+    graph.spin_until(client.service_is_ready)
+    first = client.call_async(Trigger.Request())
+    graph.spin_until(lambda: sim._stepper.stepping)
+    answer = graph.call(Trigger, f'{SIM}/step')
+    assert not answer.success
+    assert 'are still to be taken, and 600000 more would be above 1000000' in answer.message
+    assert graph.call(Trigger, f'{SIM}/reset').success
+    graph.spin_until(first.done)
+    assert graph.set_parameter(SIM, 'step_count', 1).successful
+    futures = [client.call_async(Trigger.Request()) for _ in range(3)]
+    graph.spin_until(lambda: all(future.done() for future in futures))
+    assert all(future.result().success for future in futures)
+    assert sim._world.tick == 3
 
 
 # ------------------------------------------------------------------------------------------- graph

@@ -577,7 +577,9 @@ def test_what_has_come_and_gone_many_times_leaves_nothing_behind(graph, sim):
 
 # ---------------------------------------------------------------------------------- the standard
 def simulation_of(sim):
-    return Simulation(sim._stepper, sim._parameters_of_scene, sim._paused, sim._restarted)
+    return Simulation(
+        sim._stepper, sim._parameters_of_scene, sim._paused, sim._restarted, sim._stepped
+    )
 
 
 def test_the_standard_spawns_and_deletes_by_the_same_parameters(graph, sim):

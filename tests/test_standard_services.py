@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the services of simulation_interfaces do, without the package."""
 
+import asyncio
 import math
 import sys
 from types import SimpleNamespace
@@ -67,7 +68,9 @@ class Scene:
         self.world = World(parameters.make_scene(self.values).world)
         self.stepper = Stepper(self.world, {})
         self.failure = failure
-        self.simulation = Simulation(self.stepper, self, self.pause, lambda: self.stepper.reset(0))
+        self.simulation = Simulation(
+            self.stepper, self, self.pause, lambda: self.stepper.reset(0), self.step
+        )
         self.world.step(24)
 
     @property
@@ -87,6 +90,14 @@ class Scene:
             return self.failure
         self.stepper.pause(paused, 0)
         return ''
+
+    async def step(self, ticks):
+        if self.failure:
+            return self.failure
+        request = self.stepper.single_step(ticks)
+        while request.waits:
+            self.stepper.take_steps(0)
+        return request.failure
 
 
 @pytest.fixture
@@ -149,23 +160,29 @@ def test_pausing_by_another_service_is_seen(scene):
 # ------------------------------------------------------------------------------------------- steps
 def test_steps_are_taken_while_paused(scene):
     scene.simulation.set_state(PAUSED)
-    assert scene.simulation.step(5).code == OK
-    while scene.stepper.stepping:
-        scene.stepper.take_steps(0)
+    assert asyncio.run(scene.simulation.step(5)).code == OK
     assert (scene.world.tick, scene.simulation.state) == (29, PAUSED)
 
 
 def test_while_playing_or_stopped_nothing_is_stepped(scene):
-    assert scene.simulation.step(1).code == OPERATION_FAILED
+    assert asyncio.run(scene.simulation.step(1)).code == OPERATION_FAILED
     scene.simulation.set_state(STOPPED)
-    assert scene.simulation.step(1).code == OPERATION_FAILED
+    assert asyncio.run(scene.simulation.step(1)).code == OPERATION_FAILED
     assert scene.world.tick == 0
+
+
+def test_steps_that_are_not_taken_are_a_failure(scene, server):
+    scene.simulation.set_state(PAUSED)
+    scene.failure = 'the simulation has stopped'
+    answer = asyncio.run(server.step_simulation(filled(steps=1), response()))
+    assert (answer.result.result, scene.world.tick) == (OPERATION_FAILED, 24)
+    assert answer.result.error_message == 'the simulation has stopped'
 
 
 @pytest.mark.parametrize('steps', [0, 10**7, 2**64 - 1])
 def test_a_number_of_steps_out_of_range_is_refused(scene, steps):
     scene.simulation.set_state(PAUSED)
-    outcome = scene.simulation.step(steps)
+    outcome = asyncio.run(scene.simulation.step(steps))
     assert (outcome.code, scene.world.tick) == (OPERATION_FAILED, 24)
     assert str(steps) in outcome.message
 
@@ -536,7 +553,7 @@ def server(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, 'simulation_interfaces', SimpleNamespace(msg=module))
     monkeypatch.setitem(sys.modules, 'simulation_interfaces.msg', module)
     names = list(FEATURES)
-    return _Server(scene.simulation, 'world', lambda: 0, None, names)
+    return _Server(scene.simulation, 'world', lambda: 0, names)
 
 
 @pytest.mark.parametrize('version', [1, 2])
@@ -571,7 +588,7 @@ def test_several_entities_are_spawned_each_with_its_result(scene, server):
 
 
 def test_features_are_those_of_the_services_that_there_are(scene):
-    server = _Server(scene.simulation, 'world', lambda: 0, None, ['spawn_entity'])
+    server = _Server(scene.simulation, 'world', lambda: 0, ['spawn_entity'])
     answer = server.get_simulator_features(None, filled(features=filled()))
     assert answer.features.features == [0, 9]
     assert answer.features.spawn_formats == list(resources.FORMATS)

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from softbody_ros.core import BodyConfig, World, WorldConfig
+from softbody_ros.core import BodyConfig, SimulationError, World, WorldConfig
 from softbody_ros.timeline.stepper import CATCH_UP, LARGEST_LAG, SLICE, Stepper
 
 pytestmark = pytest.mark.oldest
@@ -154,14 +154,45 @@ def test_steps_end_when_the_simulation_goes_on_or_begins_anew(end):
     stepper = make_stepper(per_look=SLICE / 10)
     outputs(stepper, START)
     stepper.pause(True, START)
-    stepper.single_step(1000)
+    first, second = stepper.single_step(1000), stepper.single_step(2)
     stepper.take_steps(START)
     assert stepper.stepping
+    tick = stepper.world.tick
     if end == 'pause':
         stepper.pause(False, START)
     else:
         stepper.reset(START)
     assert not stepper.stepping
+    assert not first.waits and not second.waits
+    assert f'{tick} of 1000 steps were taken, to tick {tick}: ' in first.failure
+    assert '0 of 2 steps' in second.failure and 'step again' in second.failure
+
+
+def test_requests_of_steps_add_up_and_each_ends_with_its_own():
+    stepper = make_stepper(per_look=SLICE / 10)
+    outputs(stepper, START)
+    stepper.pause(True, START)
+    requests = [stepper.single_step(ticks) for ticks in (2, 30, 1)]
+    assert stepper.steps_left == 33
+    stepper.take_steps(START)
+    assert [request.waits for request in requests] == [False, True, True]
+    while stepper.stepping:
+        stepper.take_steps(START)
+    assert stepper.world.tick == 33
+    assert [(request.left, request.failure) for request in requests] == [(0, '')] * 3
+
+
+def test_a_step_that_fails_ends_all_requests():
+    stepper = make_stepper()
+    outputs(stepper, START)
+    stepper.pause(True, START)
+    stepper.world.set_state('ball', velocities=np.full((42, 3), 1e300))
+    requests = [stepper.single_step(ticks) for ticks in (5, 1)]
+    with pytest.raises(SimulationError) as error:
+        stepper.take_steps(START)
+    assert not stepper.stepping
+    for request in requests:
+        assert not request.waits and str(error.value) in request.failure
 
 
 def test_reset_starts_again_at_tick_zero():

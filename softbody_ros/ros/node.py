@@ -38,7 +38,7 @@ from softbody_ros.ros.parameter_services import ParameterServices
 from softbody_ros.ros.publishers import Publishers, create_publisher
 from softbody_ros.ros.robot import RobotLinks
 from softbody_ros.ros.scene_parameters import SceneParameters
-from softbody_ros.ros.simulation_interfaces import Simulation
+from softbody_ros.ros.simulation_interfaces import MOST_STEPS, Simulation
 from softbody_ros.ros.spinning import spin
 from softbody_ros.ros.start import NO_LOG_FILE, start_ros
 from softbody_ros.ros.subscribers import InputTopics
@@ -173,11 +173,9 @@ class SimNode(Node):
         ):
             self.create_service(service.kind, service.name, answer, callback_group=own_group)
         simulation = Simulation(
-            self._stepper, self._parameters_of_scene, self._paused, self._restarted
+            self._stepper, self._parameters_of_scene, self._paused, self._restarted, self._stepped
         )
-        simulation_interfaces_node.offer(
-            self, simulation, self._frame_id, self._stamp, self._steps_taken
-        )
+        simulation_interfaces_node.offer(self, simulation, self._frame_id, self._stamp)
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._restarted()
@@ -210,27 +208,38 @@ class SimNode(Node):
     def _paused(self, paused: bool) -> str:
         """Pause or resume; return the reason if that is refused, or ''."""
         if self._failure and not paused:
-            return f'the simulation has stopped ({self._failure}): call ~/reset'
+            return self._until_reset()
         self._stepper.pause(paused, self._now())
         return ''
+
+    def _until_reset(self) -> str:
+        return f'the simulation has stopped ({self._failure}): call ~/reset'
 
     async def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._stepper.paused:
             response.success = False
             response.message = 'the simulation is running: call ~/pause with data true first'
             return response
-        self._stepper.single_step(self._scene.node.step_count)
-        failure = await self._steps_taken()
+        failure = await self._stepped(self._scene.node.step_count)
         response.success = not failure
         response.message = failure or f'now at tick {self._world.tick}'
         return response
 
-    async def _steps_taken(self) -> str:
-        """Wait until the requested steps are taken; return the failure, or ''."""
-        while self._stepper.stepping:
+    async def _stepped(self, ticks: int) -> str:
+        """Take ticks while paused; return the reason if they are not all taken, or ''."""
+        if self._failure:
+            return self._until_reset()
+        waiting = self._stepper.steps_left
+        if waiting + ticks > MOST_STEPS:
+            return (
+                f'{waiting} steps are still to be taken, and {ticks} more would be above '
+                f'{MOST_STEPS}: wait until they are answered, or call ~/reset'
+            )
+        request = self._stepper.single_step(ticks)
+        while request.waits:
             self._after_slice = self._after_slice or Future(executor=self.executor)
             await self._after_slice
-        return self._failure
+        return request.failure
 
     # -------------------------------------------------------------------------------------- time
     def _start_clocks(self) -> None:
@@ -291,6 +300,10 @@ class SimNode(Node):
     def _advance(self) -> None:
         if self._stepper.stepping:
             self._take_steps()
+        # also after steps that have been ended: who has requested them waits
+        waiting, self._after_slice = self._after_slice, None
+        if waiting is not None:
+            waiting.set_result(None)
         if self._waits_for_clock():
             return
         now, follows_clock = self._now(), self._follows_clock()
@@ -318,14 +331,12 @@ class SimNode(Node):
             self._stepper.take_steps(self._now())
         except SimulationError as error:
             self._stop(error)
-        waiting, self._after_slice = self._after_slice, None
-        if waiting is not None:
-            waiting.set_result(None)
 
     def _stop(self, error: SimulationError) -> None:
         """Pause at the last good state until ~/reset, and log the reason."""
+        if not self._failure:
+            self._paused_before_failure = self._stepper.paused
         self._failure = str(error)
-        self._paused_before_failure = self._stepper.paused
         self.get_logger().error(f'{error}; call ~/reset to go on')
         self._stepper.pause(True, self._now())
 

@@ -10,7 +10,7 @@ Only `simulation_interfaces_node` imports the messages.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import functools
 import math
@@ -114,8 +114,9 @@ class Simulation:
     ----------
     stepper : Stepper
     scene : Scene
-    pause, reset : callable
-        handlers of the node's own services of these names; `pause(on)` returns a reason or ''
+    pause, reset, step : callable
+        handlers of the node's own services of these names; `pause(on)` returns a reason or '',
+        `step(ticks)` one to be awaited
 
     """
 
@@ -125,9 +126,10 @@ class Simulation:
         scene: Scene,
         pause: Callable[[bool], str],
         reset: Callable[[], None],
+        step: Callable[[int], Awaitable[str]],
     ) -> None:
         self._stepper, self._scene = stepper, scene
-        self._pause, self._reset = pause, reset
+        self._pause, self._reset, self._step = pause, reset, step
         self._stopped: Checkpoint | None = None
         # what has been added as one entity, by its name
         self._members: dict[str, tuple[str, ...]] = {}
@@ -208,8 +210,8 @@ class Simulation:
         self._stopped = self._stepper.history.beginning if state == STOPPED else None
         return Outcome()
 
-    def step(self, steps: int) -> Outcome:
-        """Request ticks while paused; the stepper takes them in slices."""
+    async def step(self, steps: int) -> Outcome:
+        """Take ticks while paused."""
         if self.state != PAUSED:
             return Outcome(
                 OPERATION_FAILED, 'only a paused simulation can be stepped: set state PAUSED (2)'
@@ -218,8 +220,8 @@ class Simulation:
             return Outcome(
                 OPERATION_FAILED, f'steps is {steps}: it must be from 1 to {MOST_STEPS}'
             )
-        self._stepper.single_step(steps)
-        return Outcome()
+        failure = await self._step(steps)
+        return Outcome(OPERATION_FAILED, failure) if failure else Outcome()
 
     # --------------------------------------------------------------------------------- the bodies
     def entities(

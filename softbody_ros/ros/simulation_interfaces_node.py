@@ -8,7 +8,7 @@ Offered if that package can be imported; it is part of ROS Jazzy but not on PyPI
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 import importlib
 from typing import Any
 
@@ -58,7 +58,6 @@ def offer(
     simulation: Simulation,
     frame_id: str,
     stamp: Callable[[], int],
-    steps_taken: Callable[[], Awaitable[str]],
 ) -> list[str]:
     """
     Create the services on a node, if the package is installed.
@@ -71,8 +70,6 @@ def offer(
         the frame of all poses and twists
     stamp : callable
         the clock's time of the present state, ns
-    steps_taken : callable
-        waits until the requested steps are taken; returns the failure, or ''
 
     Returns
     -------
@@ -81,7 +78,7 @@ def offer(
 
     """
     kinds = interfaces(node)
-    server = _Server(simulation, frame_id, stamp, steps_taken, list(kinds))
+    server = _Server(simulation, frame_id, stamp, list(kinds))
     for name, kind in kinds.items():
         if name == 'step_simulation':
             # it awaits steps taken by the timer, whose group it must not block
@@ -100,13 +97,12 @@ class _Server:
         simulation: Simulation,
         frame_id: str,
         stamp: Callable[[], int],
-        steps_taken: Callable[[], Awaitable[str]],
         names: list[str],
     ) -> None:
         self._simulation = simulation
         self._frame_id = frame_id
         self._names = names
-        self._stamp, self._steps_taken = stamp, steps_taken
+        self._stamp = stamp
 
     def answer(self, name: str) -> Callable[[Any, Any], Any]:
         """Return the handler of a service that answers errors too: clients would wait for ever."""
@@ -122,11 +118,7 @@ class _Server:
         return answered
 
     async def step_simulation(self, request: Any, response: Any) -> Any:
-        outcome = self._simulation.step(request.steps)
-        if outcome.code == OK:
-            failure = await self._steps_taken()
-            outcome = Outcome(OPERATION_FAILED, failure) if failure else outcome
-        return _with(response, outcome)
+        return _with(response, await self._simulation.step(request.steps))
 
     def get_simulator_features(self, _: Any, response: Any) -> Any:
         response.features.features = features(self._names)

@@ -60,6 +60,30 @@ class Segment:
         return tick + 1 if self.time_of(tick + 1) <= now else tick
 
 
+@dataclass(eq=False)
+class StepRequest:
+    """
+    Ticks that are requested while paused.
+
+    Attributes
+    ----------
+    ticks, left : int
+        how many, and how many of them are still to be taken
+    failure : str
+        why those that are left are not taken any more, or ''
+
+    """
+
+    ticks: int
+    left: int
+    failure: str = ''
+
+    @property
+    def waits(self) -> bool:
+        """Whether some of them are still to be taken."""
+        return self.left > 0 and not self.failure
+
+
 @dataclass(frozen=True, eq=False)
 class Adoption:
     """The action that a world uses a config, whose bodies and obstacles may be others."""
@@ -107,7 +131,7 @@ class Stepper:
         self._stopwatch = stopwatch
         self._segments: list[Segment] = []
         self._publish_now = True
-        self._steps_left = 0
+        self._requests: deque[StepRequest] = deque()
         # replay queue; inputs deferred until the replay ends
         self._replay: deque[LoggedAction] = deque()
         self._replay_end = 0
@@ -255,7 +279,8 @@ class Stepper:
     def pause(self, paused: bool, now: int) -> None:
         """Pause, or continue from the current tick."""
         if paused != self.paused:
-            self.paused, self._steps_left = paused, 0
+            self.paused = paused
+            self._end_steps('the simulation was resumed; pause it and step again')
             self._reanchor_if_started(now)
             self.publish_now()
 
@@ -263,14 +288,21 @@ class Stepper:
         if self.started:
             self.reanchor(now)
 
-    def single_step(self, ticks: int) -> None:
-        """Request ticks while paused; `take_steps` takes them, in slices."""
-        self._steps_left = ticks
+    def single_step(self, ticks: int) -> StepRequest:
+        """Request ticks while paused, after those requested before; `take_steps` takes them."""
+        request = StepRequest(ticks, ticks)
+        self._requests.append(request)
+        return request
 
     @property
     def stepping(self) -> bool:
         """Whether requested ticks remain to be taken."""
-        return self._steps_left > 0
+        return bool(self._requests)
+
+    @property
+    def steps_left(self) -> int:
+        """How many requested ticks remain to be taken."""
+        return sum(request.left for request in self._requests)
 
     def take_steps(self, now: int) -> None:
         """
@@ -283,13 +315,27 @@ class Stepper:
 
         """
         begin = self._stopwatch()
-        steps, self._steps_left = self._steps_left, 0
-        while steps and self._stopwatch() - begin < SLICE:
-            steps -= not self.replaying
-            self._timed_step()
-        self._steps_left = steps
+        try:
+            while self._requests and self._stopwatch() - begin < SLICE:
+                replaying = self.replaying
+                self._timed_step()
+                self._requests[0].left -= not replaying
+                if not self._requests[0].left:
+                    self._requests.popleft()
+        except Exception as error:
+            self._end_steps(str(error) or type(error).__name__)
+            raise
         self._reanchor_if_started(now)
         self.publish_now()
+
+    def _end_steps(self, reason: str) -> None:
+        """Take no more of the requested ticks."""
+        for request in self._requests:
+            taken = request.ticks - request.left
+            request.failure = (
+                f'{taken} of {request.ticks} steps were taken, to tick {self.world.tick}: {reason}'
+            )
+        self._requests.clear()
 
     def reset(self, now: int) -> None:
         """
@@ -301,7 +347,7 @@ class Stepper:
         for action in actions + [item for item, _ in self._deferred]:
             _repeat(action, self.world)
         self._replay, self._replay_end, self._deferred = deque(), 0, []
-        self._steps_left = 0
+        self._end_steps('the simulation was reset; step again')
         self.world.configure(self.world.adapted(self._config), lenient=True)
         self.world.reset()
         self._config = self.world.config
