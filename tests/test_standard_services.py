@@ -214,6 +214,8 @@ def test_a_reset_of_what_was_spawned_removes_it(scene):
 def test_a_reset_of_everything_is_the_start_again(scene):
     fresh = World(scene.world.config)
     assert scene.simulation.spawn('cube', uri='box')[0].code == OK
+    outcome = scene.simulation.delete('grounds')
+    assert outcome.code == NOT_FOUND and 'did you mean ground?' in outcome.message
     assert scene.simulation.delete('left').code == OK
     assert scene.simulation.delete('ground').code == OK
     scene.world.step(7)
@@ -508,6 +510,8 @@ def test_files_that_cannot_be_read_are_refused(scene, tmp_path):
 
 
 def test_bodies_and_obstacles_are_deleted(scene):
+    outcome = scene.simulation.delete('grounds')
+    assert outcome.code == NOT_FOUND and 'did you mean ground?' in outcome.message
     assert scene.simulation.delete('left').code == OK
     assert scene.simulation.delete('ground').code == OK
     assert (scene.world.names, scene.world.obstacles) == (('right',), ())
@@ -516,6 +520,22 @@ def test_bodies_and_obstacles_are_deleted(scene):
     assert scene.simulation.delete('').code == NOT_FOUND
     assert scene.simulation.delete('right').code == OK
     assert scene.simulation.delete('right').message.endswith('there are none')
+
+
+def test_what_has_been_removed_by_parameters_is_no_member_any_more(scene):
+    duck = '/**: {ros__parameters: {bodies: [a, b], obstacles: [pond]}}'
+    assert scene.simulation.spawn('duck', text=duck)[0].code == OK
+    own = {'bodies': ['left', 'right'], 'obstacles': ['ground']}
+    scene.request(own | {'bodies': ['left', 'right', 'duck_b']})
+    # what there is of it is one entity still
+    assert scene.simulation.spawn('duck', uri='box')[0].code == NAME_NOT_UNIQUE
+    scene.request(own)
+    assert scene.simulation.delete('duck').code == NOT_FOUND
+    assert scene.simulation.spawn('duck', uri='box') == (Outcome(), 'duck')
+    # of the same name as a member that is gone, but not one
+    scene.request({'bodies': ['left', 'right', 'duck', 'duck_a']})
+    assert scene.simulation.delete('duck').code == OK
+    assert scene.world.names == ('left', 'right', 'duck_a')
 
 
 def test_every_ending_that_is_advertised_is_read(tmp_path):

@@ -296,8 +296,8 @@ STANDARD_SERVICES = (
         'package.',
     ),
     _standard(
-        'delete_entity', 'DeleteEntity', 'body or scene removed',
-        'Removes a body, or all bodies and obstacles that one scene file added.',
+        'delete_entity', 'DeleteEntity', 'body, obstacle or scene removed',
+        'Removes a body or an obstacle, or all bodies and obstacles that one scene file added.',
     ),
     _standard(
         'reset_simulation', 'ResetSimulation', 'reset of state, spawned entities or all',

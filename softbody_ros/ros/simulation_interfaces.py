@@ -285,7 +285,7 @@ class Simulation:
     def entity_state(self, name: str) -> tuple[Outcome, RigidFit | None]:
         """Return the best-fit pose and twist of a body."""
         if name not in self.world.names:
-            return self._unknown(name), None
+            return _unknown(name, self._names), None
         return Outcome(), self.world.rigid_fit(name)
 
     def set_entity_state(
@@ -307,7 +307,7 @@ class Simulation:
 
         """
         if name not in self._names:
-            return self._unknown(name)
+            return _unknown(name, self._names)
         if pose is not None:
             position, quaternion = (np.asarray(item, dtype=float) for item in pose)
             length = float(np.linalg.norm(quaternion))
@@ -360,6 +360,7 @@ class Simulation:
             reason = f'position {list(pose[0])} is not within {LARGEST:g} m'
             return Outcome(INVALID_SPAWN_POSE, reason), ''
         values = self._scene.values
+        self._forget_gone_members()
         taken = {*self._scene.taken, *self._members}
         try:
             resource = resources.read_resource(uri, text)
@@ -381,6 +382,7 @@ class Simulation:
 
     def delete(self, name: str) -> Outcome:
         """Remove an entity: a body or an obstacle, with all that was added with it."""
+        self._forget_gone_members()
         members = {name, *self._members.get(name, ())}
         values = self._scene.values
         lists = {
@@ -388,7 +390,7 @@ class Simulation:
             for kind in ('bodies', 'obstacles')
         }
         if all(len(lists[kind]) == len(values[kind]) for kind in lists):
-            return self._unknown(name)
+            return _unknown(name, [*values['bodies'], *values['obstacles'], *self._members])
         try:
             self._scene.request(lists)
         except (ConfigError, MeshError) as error:
@@ -396,14 +398,25 @@ class Simulation:
         self._members.pop(name, None)
         return Outcome()
 
-    def _unknown(self, name: str) -> Outcome:
-        hint = unknown_name(name, list(self._names))
-        return Outcome(NOT_FOUND, f'there is no entity {shown(name)}: {hint}')
+    def _forget_gone_members(self) -> None:
+        """Forget what has been removed by parameters, or because time went back before it."""
+        values = self._scene.values
+        present = {*values['bodies'], *values['obstacles']}
+        kept = {
+            name: tuple(each for each in members if each in present)
+            for name, members in self._members.items()
+        }
+        self._members = {name: members for name, members in kept.items() if members}
 
     @property
     def _names(self) -> tuple[str, ...]:
         """Names of the bodies; during a replay those at its end."""
         return tuple(body.name for body in self._stepper.config.bodies)
+
+
+def _unknown(name: str, known: Iterable[str]) -> Outcome:
+    hint = unknown_name(name, list(dict.fromkeys(known)))
+    return Outcome(NOT_FOUND, f'there is no entity {shown(name)}: {hint}')
 
 
 def _without_classes(pattern: str) -> str:
