@@ -10,6 +10,7 @@ from sensor_msgs.msg import PointCloud2
 from simulated_clock import SECOND, ClockSource
 from visualization_msgs.msg import Marker, MarkerArray
 
+from softbody_ros.core.external_inputs import MOST_DYNAMIC_OBSTACLES
 from softbody_ros.ros.messages import POINT_TYPE
 
 pytestmark = pytest.mark.oldest
@@ -154,6 +155,45 @@ def test_obstacles_and_points_of_others_are_felt_too(graph):
         lambda: felt and force_of(felt[-1]) == pytest.approx([0, 0, -2 * G], rel=1e-3, abs=1e-3)
     )
     assert felt[-1].header.frame_id == 'table/7'
+
+
+@pytest.mark.parametrize('end', ['delete', 'lifetime'])
+def test_obstacles_of_others_that_go_feel_nothing_any_more_and_are_forgotten(graph, end):
+    sim = graph.sim_node(ball__subdivisions=1, ball__size=0.5, ball__position=[0.0, 0.0, 0.25])
+    felt = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts', 1000)
+    sender = graph.node.create_publisher(MarkerArray, f'{SIM}/obstacles', 10)
+    graph.spin_until(sender.get_subscription_count)
+    for number in range(3):
+        press = Marker(ns='press', id=number, type=Marker.CUBE)
+        press.header.frame_id = 'world'
+        press.pose.orientation.w = 1.0
+        press.pose.position.z = 0.5
+        press.scale.x = press.scale.y = press.scale.z = 0.2
+        press.lifetime.nanosec = 300_000_000 if end == 'lifetime' else 0
+        sender.publish(MarkerArray(markers=[press]))
+        frame = f'press/{number}'
+
+        def forces(frame=frame):
+            return [force_of(each) for each in felt if each.header.frame_id == frame]
+
+        graph.spin_until(lambda forces=forces: forces() and forces()[-1].any())
+        if end == 'delete':
+            press.action = Marker.DELETE
+            sender.publish(MarkerArray(markers=[press]))
+        graph.spin_until(lambda forces=forces: not forces()[-1].any(), 'a message of zeros')
+    contacts = sim._contacts
+    assert set(contacts._was_in_contact) == {'ground', None}
+    assert set(contacts._means._obstacles) == {'ground', None}
+
+
+def test_as_many_as_there_can_be_find_room_in_the_queue_of_all(graph):
+    sim = graph.sim_node(ball__subdivisions=1)
+    queue = sim._contacts._obstacles
+    assert queue.qos_profile.depth >= 2 * (MOST_DYNAMIC_OBSTACLES + 2)
+    names = ['ground', 'one', 'two', 'three']
+    assert graph.set_parameter(SIM, 'obstacles', names).successful
+    graph.spin_until(lambda: 'three' in sim._contacts._obstacle)
+    assert sim._contacts._obstacles is queue  # subscribers lose nothing
 
 
 def test_points_have_the_pressure_of_what_touches(graph):

@@ -6,7 +6,7 @@ import math
 import pathlib
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Vector3, WrenchStamped
 import numpy as np
 import pytest
 from rcl_interfaces.msg import Log
@@ -17,6 +17,8 @@ from simulated_clock import SECOND, ClockSource
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
+
+from softbody_ros.core.external_inputs import is_link
 
 SIM = '/softbody_sim'
 CONFIG = pathlib.Path(__file__).parent.parent / 'config'
@@ -422,3 +424,13 @@ def test_the_gripper_of_another_process_lifts_the_ball_and_its_links_feel_it(gra
               for item in every]  # fmt: skip
     assert len(set(stamps)) == len(stamps)
     assert {frame for frame, *_ in stamps} <= {'left_finger', 'right_finger', 'ground'}
+
+    def ends():
+        return {item.header.frame_id: item.wrench for item in every}
+
+    assert graph.set_parameter(SIM, 'robot.links', []).successful
+    graph.spin_until(
+        lambda: all(ends()[name].force == Vector3() == ends()[name].torque for name in felt),
+        'messages of zeros of links that have gone',
+    )
+    assert not any(map(is_link, sim._contacts._means._obstacles))

@@ -9,6 +9,8 @@ import numpy as np
 from softbody_ros.core.contact_forces import ContactImpulse, ContactWrench, ObstacleKey
 from softbody_ros.core.world import World
 
+_Integrals = dict[ObstacleKey, ContactImpulse]
+
 
 class MeanWrenches:
     """
@@ -49,7 +51,7 @@ class MeanWrenches:
         key, now = self._world.obstacle_key(name), self._world.obstacle_impulse(name)
         return self._mean(self._obstacles, key, now) or self._world.obstacle_wrench(name)
 
-    def forget(self, name: str) -> None:
+    def forget(self, name: ObstacleKey) -> None:
         """Forget a body or an obstacle that has been removed."""
         self._bodies.pop(name, None)
         self._pins.pop(name, None)
@@ -59,11 +61,15 @@ class MeanWrenches:
         """Begin all means at the present tick."""
         world = self._world
         self._time_jumps = world.time_jumps
-        self._bodies = {name: world.contact_impulse(name) for name in world.names}
-        self._pins = {name: world.pin_impulse(name) for name in world.names}
-        self._obstacles = {key: world.obstacle_impulse(key) for key in world.obstacle_keys}
+        self._bodies: _Integrals = {name: world.contact_impulse(name) for name in world.names}
+        self._pins: _Integrals = {name: world.pin_impulse(name) for name in world.names}
+        self._obstacles: _Integrals = {
+            key: world.obstacle_impulse(key) for key in world.obstacle_keys
+        }
 
-    def _mean(self, last: dict, key: ObstacleKey, now: ContactImpulse) -> ContactWrench | None:
+    def _mean(
+        self, last: _Integrals, key: ObstacleKey, now: ContactImpulse
+    ) -> ContactWrench | None:
         """Return a mean, and begin the next one; None without ticks."""
         if self._time_jumps != self._world.time_jumps:
             self._begin()

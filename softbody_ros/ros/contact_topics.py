@@ -13,13 +13,19 @@ from rclpy.publisher import Publisher
 
 from softbody_ros.core import MeanWrenches, World
 from softbody_ros.core.contact_forces import ContactWrench, ObstacleKey
-from softbody_ros.core.external_inputs import DynamicObstacle, Key, is_link
+from softbody_ros.core.external_inputs import (
+    MOST_DYNAMIC_OBSTACLES,
+    DynamicObstacle,
+    Key,
+    is_link,
+)
 from softbody_ros.ros import interfaces, messages
 from softbody_ros.ros.interfaces import Topic
 from softbody_ros.ros.publishers import Publishers
 from softbody_ros.scene.robot import Link
 
 IDENTITY = np.eye(3)
+NOTHING = np.zeros(3), np.zeros(3)
 
 
 class ContactTopics:
@@ -45,6 +51,8 @@ class ContactTopics:
         self._world, self._publishers, self._means = world, publishers, MeanWrenches(world)
         # no name is that of a body and of an obstacle; of pins: with their topic
         self._was_in_contact: dict[ObstacleKey | tuple[str, str], bool] = {}
+        # of the obstacles and links at the last message
+        self._frame_ids: dict[ObstacleKey, str] = {}
         self._body: dict[str, Publisher] = {}
         self._pin: dict[str, Publisher] = {}
         self._obstacle: dict[str, Publisher] = {}
@@ -52,10 +60,15 @@ class ContactTopics:
         self._links: tuple[Link, ...] = ()
         self._bodies = publishers.for_each(interfaces.CONTACTS, len(world.names))
         self._pins = publishers.for_each(interfaces.PINS, len(world.names))
-        self._obstacles = publishers.for_each(
-            interfaces.OBSTACLE_CONTACTS, len(world.config.obstacles)
-        )
+        # twice: not to be made anew for each that is added
+        most = 2 * self._most_obstacles
+        self._obstacles = publishers.for_each(interfaces.OBSTACLE_CONTACTS, most)
         self.update()
+
+    @property
+    def _most_obstacles(self) -> int:
+        """How many obstacles there can be, with those of others, links and points."""
+        return len(self._world.config.obstacles) + MOST_DYNAMIC_OBSTACLES + 1
 
     def update(self) -> None:
         """Have topics for the bodies and obstacles that there are now."""
@@ -70,7 +83,7 @@ class ContactTopics:
             obstacle.name not in self._obstacle for obstacle in obstacles
         ):
             self._obstacles = self._publishers.deepened(
-                self._obstacles, interfaces.OBSTACLE_CONTACTS, len(obstacles)
+                self._obstacles, interfaces.OBSTACLE_CONTACTS, self._most_obstacles
             )
             self._renew(
                 self._obstacle,
@@ -81,22 +94,23 @@ class ContactTopics:
     def _renew(self, own: dict[str, Publisher], topic: Topic, names: Sequence[str]) -> None:
         for name in own.keys() - set(names):
             self._publishers.destroy(own.pop(name))
-            self._was_in_contact.pop(name, None)
-            self._was_in_contact.pop(('pins', name), None)
-            self._means.forget(name)
+            if topic is not interfaces.OBSTACLE_CONTACTS:  # of these see _end_gone
+                self._was_in_contact.pop(name, None)
+                self._was_in_contact.pop(('pins', name), None)
+                self._means.forget(name)
         for name in names:
             if name not in own:
                 own[name] = self._publishers.make(topic, of=name)
 
     def use_links(self, links: Sequence[Link]) -> None:
         """Have topics for other links of a robot."""
-        count = len(self._obstacle) + len(links)
-        topic = interfaces.OBSTACLE_CONTACTS
-        self._obstacles = self._publishers.deepened(self._obstacles, topic, count)
-        self._renew(self._link, topic, [link.name for link in links])
+        self._renew(self._link, interfaces.OBSTACLE_CONTACTS, [link.name for link in links])
+        kept = {key for link in links for key in link.keys}
+        for key in {key for link in self._links for key in link.keys} - kept:
+            self._means.forget(key)
         self._links = tuple(links)
 
-    def _publish_links(self, stamp: int) -> None:
+    def _publish_links(self, stamp: int, frame_ids: dict[ObstacleKey, str]) -> None:
         """Publish, for each link, the sum over its shapes, in the frame of the link."""
         world, means, every = self._world, self._means, _heard(self._obstacles)
         present = world.external_inputs.dynamic_obstacles
@@ -106,6 +120,7 @@ class ContactTopics:
             _, rotation = link.pose(present[link.keys[0]].obstacle)
             listeners = every + _heard(self._link[link.name])
             key = link.keys[0][0], -1
+            frame_ids[key] = link.link
             wrench = self._due(
                 key,
                 key,
@@ -129,6 +144,7 @@ class ContactTopics:
             wrench = self._due(pins, name, listeners, means.pin_wrench, world.pin_wrench)
             _send(listeners, stamp, frame_id, IDENTITY, wrench)
         every = _heard(self._obstacles)
+        frame_ids: dict[ObstacleKey, str] = {}
         for key, obstacle in zip(world.obstacle_keys, (*world.obstacles, None), strict=True):
             if is_link(key):
                 continue
@@ -136,11 +152,24 @@ class ContactTopics:
             frame = key if isinstance(key, str) else frame_id
             if isinstance(key, tuple):
                 frame = f'{key[0]}/{key[1]}'
+            frame_ids[key] = frame
             rotation = IDENTITY if obstacle is None else obstacle.rotation
             listeners = every + (_heard(self._obstacle[key]) if key in self._obstacle else [])
             wrench = self._due(key, key, listeners, means.obstacle_wrench, world.obstacle_wrench)
             _send(listeners, stamp, frame, rotation, wrench)
-        self._publish_links(stamp)
+        self._publish_links(stamp, frame_ids)
+        self._end_gone(stamp, every, frame_ids)
+
+    def _end_gone(
+        self, stamp: int, listeners: list[Publisher], frame_ids: dict[ObstacleKey, str]
+    ) -> None:
+        """Publish that obstacles that have gone feel nothing any more, and forget them."""
+        before, self._frame_ids = self._frame_ids, frame_ids
+        for key, frame_id in before.items():
+            if key not in frame_ids:
+                self._means.forget(key)
+                if self._was_in_contact.pop(key, False):
+                    _send(listeners, stamp, frame_id, IDENTITY, NOTHING)
 
     def _due(
         self,
