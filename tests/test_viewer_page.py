@@ -4,6 +4,7 @@
 
 import base64
 import io
+import os
 import pathlib
 import re
 import signal
@@ -266,18 +267,48 @@ def test_a_film_that_fails_says_why(show):
 
 
 # -------------------------------------------------------------------------------- without a page
+class Bake:
+    """A bake of the default scene, and what it says."""
+
+    def __init__(self, film, seconds):
+        self.parts, self.ends, self._ended = [], [], threading.Event()
+        scene = str(ROOT / 'config' / 'default.yaml')
+        arguments = [scene, f'--seconds={seconds}', '--fps=60', f'--output={film}']
+        self.baking = Baking(arguments, self.parts.append, self._end)
+
+    def _end(self, *outcome):
+        self.ends.append(outcome)
+        self._ended.set()
+
+    def end(self):
+        """Wait for its end; return its status and what it has said."""
+        assert self._ended.wait(60.0)
+        assert len(self.ends) == 1
+        return self.ends[0]
+
+
+def test_a_bake_that_is_killed_says_so(compiled_ahead, tmp_path):
+    bake = Bake(tmp_path / 'film.npz', 10_000)
+    bake.baking._process.kill()
+    status, sentence = bake.end()
+    assert status == -signal.SIGKILL
+    assert sentence.startswith('bake was ended (Killed), perhaps for lack of memory: take fewer')
+
+
+def test_a_bake_that_fails_unexpectedly_says_what_of(compiled_ahead, tmp_path, monkeypatch):
+    (tmp_path / 'tqdm.py').write_text("raise RuntimeError('it is broken')")
+    places = [str(tmp_path), *filter(None, [os.environ.get('PYTHONPATH')])]
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join(places))
+    status, sentence = Bake(tmp_path / 'film.npz', 0.1).end()
+    assert status == 1
+    assert sentence.startswith('bake has failed (RuntimeError: it is broken): save the scene')
+
+
 def test_a_bake_says_how_far_it_is(compiled_ahead, tmp_path):
-    parts, ends, ended = [], [], threading.Event()
-
-    def end(*outcome):
-        ends.append(outcome)
-        ended.set()
-
-    scene = str(ROOT / 'config' / 'default.yaml')
     film = tmp_path / 'film.npz'
-    Baking([scene, '--seconds=30', '--fps=60', f'--output={film}'], parts.append, end)
-    assert ended.wait(60.0)
-    assert ends == [(0, '')]
+    bake = Bake(film, 30)
+    assert bake.end() == (0, '')
+    parts = bake.parts
     assert film.exists()
     assert len(parts) > 1
     assert parts == sorted(parts)

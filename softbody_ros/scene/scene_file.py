@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from softbody_ros.core.config import ConfigError
+from softbody_ros.core.config import ConfigError, shown
 
 NODE, EVERY_NODE = '/softbody_sim', '/**'
 PARAMETERS = 'ros__parameters'
@@ -73,7 +73,7 @@ def scene_of(text: str, path: str, assignments: Sequence[str] = ()) -> dict[str,
     sections.setdefault(EVERY_NODE, {}).update(_assigned(each) for each in assignments)
     values: dict[str, Any] = {}
     for section, parameters in sections.items():
-        if _means_the_node(section):
+        if _means_the_node(section, path):
             values |= parameters
     return values
 
@@ -110,11 +110,17 @@ def _sections(
             raise ConfigError(f'scene {path}, line {line_of(node)}: {PARAMETERS} is not a map')
 
 
-def _means_the_node(section: str) -> bool:
+def _means_the_node(section: str, path: str) -> bool:
     """Return whether a section name, with * for one token and ** for any, matches the node."""
     wild = {'/**': r'(/\w+)*', '/*': r'/\w+'}
     pattern = re.sub(r'/\*\*?', lambda found: wild[found[0]], '/' + section.lstrip('/'))
-    return re.fullmatch(pattern, NODE) is not None
+    try:
+        return re.fullmatch(pattern, NODE) is not None
+    except (re.error, OverflowError, RecursionError) as error:  # in rcl, too, it is a pattern
+        raise ConfigError(
+            f'scene {path}: {shown(section)} is no name of a node, nor a pattern of names '
+            f'({error}): use {NODE}, or /** for every node'
+        ) from None
 
 
 def _flattened(parameters: yaml.MappingNode, prefix: str, path: str) -> dict[str, Any]:

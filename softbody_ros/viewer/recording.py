@@ -10,6 +10,7 @@ import importlib.util
 import os
 import pathlib
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -29,6 +30,7 @@ LARGEST_FILM = 256e6
 """Bytes of a film, about, that goes to a page."""
 PATIENCE = 2.0
 """Seconds in which a bake ends when it is asked to."""
+SPEAKER = 'bake: '
 FRAMES = re.compile(rb'(\d+)/(\d+) \[')
 
 
@@ -43,7 +45,7 @@ class Baking:
     progress : callable
         is called with the part that is done, 0 … 1
     ended : callable
-        is called with the exit status and the last sentence of bake
+        is called with the exit status and why there is no film, '' if there is one
 
     """
 
@@ -65,16 +67,15 @@ class Baking:
         threading.Thread(target=self._follow, args=(leader,), daemon=True).start()
 
     def _follow(self, leader: int) -> None:
-        text, sentence = b'', ''
+        text, last = b'', b''
         with os.fdopen(leader, 'rb', buffering=0) as terminal:
             while chunk := _read(terminal):
                 *lines, text = re.split(rb'[\r\n]+', text + chunk)
-                for line in lines:
-                    if line.startswith(b'bake: '):
-                        sentence = line.removeprefix(b'bake: ').decode(errors='replace')
+                last = next(filter(_is_said, reversed(lines)), last)
                 for done, total in FRAMES.findall(b' '.join([*lines, text])):
                     self._progress(int(done) / max(int(total), 1))
-        self._ended(self._process.wait(), sentence)
+        status = self._process.wait()
+        self._ended(status, _reason(status, last.decode(errors='replace')) if status else '')
 
     def cancel(self) -> None:
         """Ask it to end; not by SIGINT, which an import at its start could swallow."""
@@ -96,6 +97,23 @@ def _read(terminal: Any) -> bytes:
         return terminal.read(4096) or b''
     except OSError:  # the process has closed its end
         return b''
+
+
+def _is_said(line: bytes) -> bool:
+    """Return whether a line is one of a sentence, not of the progress bar."""
+    return bool(line.strip()) and not FRAMES.search(line)
+
+
+def _reason(status: int, last: str) -> str:
+    """Return why a bake has failed, from its exit status and the last line that it has said."""
+    if status < 0:
+        return (
+            f'bake was ended ({signal.strsignal(-status)}), perhaps for lack of memory: take '
+            'fewer seconds or frames, or a coarser mesh'
+        )
+    if last.startswith(SPEAKER):
+        return last.removeprefix(SPEAKER)
+    return f'bake has failed ({last[:200]}): save the scene file and use the command bake'
 
 
 class FilmMenu:
@@ -224,7 +242,7 @@ class FilmMenu:
             self._download.label = f'Download {self._film.name} ({megabytes:.1f} MB)'
             self._download.visible = True
             self._notify('the film is ready', 'download it in the folder film', 'green')
-        elif status == 1:
+        else:
             self._notify('no film', sentence, 'red')
 
     def _send(self, client: viser.ClientHandle | None) -> None:
