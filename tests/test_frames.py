@@ -4,6 +4,7 @@
 
 import math
 import pathlib
+import shutil
 import sys
 
 from geometry_msgs.msg import PointStamped, TransformStamped, Vector3Stamped, WrenchStamped
@@ -201,9 +202,33 @@ def test_links_come_from_tf_alone_in_a_process_of_its_own(graph, tf2_ros):
     assert process.poll() is None
 
 
-def test_without_tf2_ros_other_frames_are_refused(graph):
+def test_a_stamp_before_all_time_means_the_last_pose(graph, tf2_ros):
+    sim = graph.sim_node(**SMALL)
+    assert sim._frames.lookup('camera') is None  # from now on it listens
+    send(graph, '/some_tf', transform('camera', (5.0, 0.0, 1.0)))
+    graph.spin_until(lambda: sim._frames.lookup('camera') is not None)
+    here, there = in_camera(Marker), Marker(id=1)
+    there.header.frame_id = 'world'
+    for marker in (here, there):
+        marker.type, marker.pose.orientation.w = Marker.CUBE, 1.0
+        marker.scale.x = marker.scale.y = marker.scale.z = 1.0
+        marker.header.stamp.sec = -1
+    send(graph, f'{SIM}/obstacles', MarkerArray(markers=[here, there]))
+    graph.spin_until(lambda: len(sim._world.obstacles) == 3)
+    assert sim._world.obstacles[1].position == pytest.approx([5.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    'broken', [None, "raise ImportError('no libtf2.so')", "raise RuntimeError('of another ROS')"]
+)
+def test_without_tf2_ros_other_frames_are_refused(graph, tf2_ros, broken):
+    if broken is None:
+        shutil.rmtree(tf2_ros / 'tf2_ros')
+    else:
+        (tf2_ros / 'tf2_ros' / '__init__.py').write_text(broken)
     graph.sim_node(**SMALL)
     log = logged(graph)
     send(graph, f'{SIM}/poke', in_camera(PointStamped))
     (sentence,) = graph.spin_until(lambda: [each.msg for each in log if 'poke' in each.msg])
-    assert "frame_id is 'camera': it must be in the frame 'world', transform it" in sentence
+    assert "frame_id is 'camera': it must be 'world'; transform the message first" in sentence
+    assert "or publish 'camera' on /tf, with tf2_ros installed" in sentence

@@ -103,8 +103,8 @@ def test_removals():
 
 
 BAD_MARKERS = [
-    ({'frame_id': 'map'}, "frame_id is 'map': it must be in the frame 'world'"),
-    ({'frame_id': ''}, "frame_id is '': it must be in the frame 'world'"),
+    ({'frame_id': 'map'}, "frame_id is 'map': it must be 'world'; transform"),
+    ({'frame_id': ''}, "frame_id is '': it must be 'world'; transform"),
     ({'kind': Marker.ARROW}, 'type is 0: obstacles are CUBE (1), SPHERE (2) or CYLINDER (3)'),
     ({'kind': Marker.MESH_RESOURCE}, 'type is 10'),
     ({'action': 1}, 'action is 1: use ADD (0), DELETE (2) or DELETEALL (3)'),
@@ -243,7 +243,7 @@ def test_a_huge_cloud_is_thinned():
 
 
 BAD_CLOUDS = [
-    ({'header': Marker().header}, "frame_id is '': it must be in the frame 'world'"),
+    ({'header': Marker().header}, "frame_id is '': it must be 'world'; transform"),
     ({'fields': []}, "fields are nothing: there must be one 'x', of FLOAT32 (7)"),
     ({'layout': [('x', 'f4', 0), ('y', 'f4', 4)]}, "there must be one 'z'"),
     (
@@ -332,7 +332,7 @@ def test_points_to_poke():
         message.point.z = bad
         with pytest.raises(InputError, match=r'point is .* each must be within'):
             message_parsing.poked_point(message, 'world')
-    with pytest.raises(InputError, match="frame_id is 'world': it must be in the frame 'map'"):
+    with pytest.raises(InputError, match="frame_id is 'world': it must be 'map'; transform"):
         message_parsing.poked_point(message, 'map')
 
 

@@ -9,8 +9,8 @@ Without tf2_ros nothing is known of other frames: what comes in them is refused 
 from __future__ import annotations
 
 from collections.abc import Callable
-import importlib.util
-from typing import Any, NamedTuple
+import importlib
+from typing import Any, NamedTuple, TypeVar
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped, WrenchStamped
 import numpy as np
@@ -40,17 +40,42 @@ class Pose(NamedTuple):
     stamp: int
 
 
+T = TypeVar('T')
 Lookup = Callable[[str, int], Pose | None]
 """Returns where a frame is at a time, ns, or the last time that is known; None: not known."""
 
 
-def tf_lookup(node: Node, frame_id: str) -> Lookup | None:
-    """Return the lookup of tf2 in a frame, None if tf2_ros is not importable."""
-    if importlib.util.find_spec('tf2_ros') is None:
-        node.get_logger().debug('tf2_ros is not installed: nothing is transformed')
-        return None
-    import tf2_ros
+def made_of_tf2(node: Node, make: Callable[[Any], T], without: str) -> T | None:
+    """
+    Return what `make` makes of the module tf2_ros; None, and say so, if that cannot be used.
 
+    It is part of ROS, but not on PyPI.
+
+    Parameters
+    ----------
+    node : Node
+    make : callable
+    without : str
+        what is without it
+
+    """
+    try:
+        return make(importlib.import_module('tf2_ros'))
+    except ImportError:
+        node.get_logger().debug(f'tf2_ros is not installed: {without}')
+    except Exception as error:  # a broken installation raises what it likes
+        node.get_logger().warning(f'tf2_ros cannot be used, {without}: {error}')
+    return None
+
+
+def tf_lookup(node: Node, frame_id: str) -> Lookup | None:
+    """Return the lookup of tf2 in a frame, None if tf2_ros cannot be used."""
+    return made_of_tf2(
+        node, lambda tf2_ros: _lookup_in(frame_id, node, tf2_ros), 'nothing is transformed'
+    )
+
+
+def _lookup_in(frame_id: str, node: Node, tf2_ros: Any) -> Lookup:
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer, node)
 
@@ -109,7 +134,9 @@ class Frames:
         frame = header.frame_id
         if frame == self._frame_id or not frame:
             return None
-        pose = self.lookup(frame, header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
+        # times before 0, which tf2 does not take, are of no clock: the last pose, as for 0
+        stamp = max(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec, 0)
+        pose = self.lookup(frame, stamp)
         if pose is None and self._lookup is not None:
             raise InputError(
                 f'frame_id is {frame[:60]!r}: /tf does not say where that is in {self._frame_id!r}'

@@ -364,11 +364,12 @@ def joint_readings(
 
 # ---------------------------------------------------------------------------------------- common
 def require_frame(given: str, frame_id: str) -> None:
-    """Raise InputError unless a frame is that of the world: nothing is transformed."""
+    """Raise InputError unless a frame is that of the world; `frames` has put what it can there."""
     if given != frame_id:
+        publish = f', or publish {_quoted(given)} on /tf, with tf2_ros installed' if given else ''
         raise InputError(
-            f'frame_id is {_quoted(given)}: it must be in the frame {frame_id!r}, transform it '
-            'before'
+            f'frame_id is {_quoted(given)}: it must be {frame_id!r}; transform the message '
+            f'first{publish}'
         )
 
 
