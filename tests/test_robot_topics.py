@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.core.external_inputs import is_link
+from softbody_ros.ros.robot import MOST_JOINTS
 
 SIM = '/softbody_sim'
 CONFIG = pathlib.Path(__file__).parent.parent / 'config'
@@ -182,6 +183,25 @@ def test_bad_joint_states_are_said_and_good_joints_of_them_used(graph, robot):
     graph.spin_until(lambda: height(sim) == pytest.approx(0.26))
     assert sim._world.external_inputs.obstacles[1].position[0] == pytest.approx(-0.06)
     graph.spin_until(lambda: said(log, "position of 'grip' is nan, and is ignored"))
+
+
+def test_joints_that_no_robot_has_are_not_remembered_without_end(graph, robot):
+    sim = graph.sim_node(**ALL, **SMALL)
+    log = log_of(graph)
+    robot.heard()
+    robot.send(**{f'joint_{number}': 0.0 for number in range(MOST_JOINTS)})
+    robot.send(**{f'other_{number}': 0.0 for number in range(MOST_JOINTS)})
+    (sentence,) = graph.spin_until(lambda: said(log, '/joint_states: '))
+    assert f'more than {MOST_JOINTS} joints are named there' in sentence
+    assert len(sim._robot._joints) == MOST_JOINTS
+    robot.describe()
+    graph.spin_until(lambda: sim._robot.names)
+    assert not sim._robot._joints
+    robot.send(**{f'joint_{number}': 0.0 for number in range(MOST_JOINTS)})
+    robot.send(grip=0.05, hoist=0.1)
+    graph.spin_until(lambda: links_of(sim) == ['palm', 'left_finger', 'right_finger'])
+    assert height(sim) == pytest.approx(0.16)
+    assert len(sim._robot._joints) == MOST_JOINTS + 2
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,11 @@ LARGEST_AGE = 0.1
 are trusted to bridge; beyond it the clocks may be different ones."""
 
 
+MOST_JOINTS = 1000
+"""Joints that are remembered, beyond those of the robot: another one may have them."""
+MOST_SAID = 1000
+
+
 class RobotLinks:
     """
     Moves the links of a robot in the world of a stepper.
@@ -103,6 +108,13 @@ class RobotLinks:
         for name, position, velocity in readings:
             joint = self._joints.get(name)
             if joint is None:
+                if len(self._joints) >= MOST_JOINTS and not self._has_joint(name):
+                    self._say(
+                        JOINT_STATES.name,
+                        f'more than {MOST_JOINTS} joints are named there: of the others only '
+                        'those of the robot are used',
+                    )
+                    continue
                 joint = self._joints[name] = _Joint(position)
             joint.position, joint.stated, joint.stamp = position, velocity, stamp
             joint.is_new = True
@@ -111,6 +123,9 @@ class RobotLinks:
             self._due = True
             self._heard_since = self._heard_since or time.monotonic()
         return problem
+
+    def _has_joint(self, name: str) -> bool:
+        return self._robot is not None and name in self._robot.joints
 
     def configure(self) -> None:
         """Use other parameters."""
@@ -147,7 +162,11 @@ class RobotLinks:
         if robot is None and self._robot is None:
             return
         self._robot, self._due, self._heard_since = robot, True, None
-        self._last_roots, self._is_used = None, True
+        self._last_roots, self._is_used, self._twists = None, True, {}
+        if robot is not None and len(self._joints) >= MOST_JOINTS:
+            self._joints = {
+                name: joint for name, joint in self._joints.items() if name in robot.joints
+            }
         if robot is not None and any(name in self._joints for name in robot.joints):
             self._heard_since = time.monotonic()
         self._changed(robot)
@@ -160,6 +179,8 @@ class RobotLinks:
     def _say(self, topic: str, sentence: str) -> None:
         """Warn, once about the same thing."""
         if sentence not in self._said:
+            if len(self._said) >= MOST_SAID:
+                self._said.clear()  # descriptions that change for ever
             self._said.add(sentence)
             self._warn(topic, sentence)
 
