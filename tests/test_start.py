@@ -58,6 +58,15 @@ def test_bad_arguments_are_one_sentence(arguments, sentence):
     assert '\n' not in str(refusal.value)
 
 
+@pytest.mark.parametrize('module', ['softbody_ros', 'softbody_ros.viewer'])
+def test_what_ros_does_not_know_is_refused_in_a_sentence(graph, module):
+    process = graph.process('--ros-args', '--bad', module=module)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "ROS does not know '--bad' after --ros-args: leave it out, or see --help" in errors
+    assert 'Traceback' not in output + errors
+
+
 # ------------------------------------------------------------------------------------- log files
 @pytest.fixture
 def environment(monkeypatch, tmp_path):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import os
 
 import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
 NO_LOG_FILE = '--disable-external-lib-logs'
@@ -18,11 +19,23 @@ def start_ros(arguments: Sequence[str]) -> str:
     Initialise rclpy with the arguments of a command; return a warning, or ''.
 
     Without a folder for log files rclpy would not start.
+
+    Raises
+    ------
+    RuntimeError
+        if ROS cannot use them.
+
     """
     problem = '' if NO_LOG_FILE in arguments else _log_problem()
     before = ('--ros-args', NO_LOG_FILE, '--') if problem else ()
     # rclpy's own handlers would shut the context down during a callback
-    rclpy.init(args=[*before, *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=[*before, *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.UnknownROSArgsError as error:  # its text is a list
+        raise RuntimeError(
+            f'ROS does not know {str(error).strip("[]")} after --ros-args: leave it out, or see '
+            '--help'
+        ) from None
     return problem
 
 
