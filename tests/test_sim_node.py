@@ -141,6 +141,28 @@ def test_late_joiner_sees_a_paused_body_at_once(graph):
     graph.spin_until(lambda: clouds and markers)
 
 
+def test_who_leaves_makes_nobody_get_a_paused_body_again(graph):
+    sim = graph.sim_node(**SMALL)
+    paused(graph)
+    clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    reports = graph.collect(DiagnosticArray, '/diagnostics')
+
+    def settled():
+        """Wait for two reports of the node: what it was to publish has come."""
+        seen = len(reports)
+        graph.spin_until(lambda: len(reports) > seen + 1)
+        return len(clouds)
+
+    graph.spin_until(lambda: clouds)
+    before = settled()
+    other = graph.node.create_subscription(PointCloud2, f'{SIM}/points', lambda _: None, 10)
+    graph.spin_until(lambda: len(clouds) > before)
+    before = settled()
+    graph.node.destroy_subscription(other)
+    graph.spin_until(lambda: sim._points.get_subscription_count() == 1)
+    assert settled() == before
+
+
 def test_odometry_is_the_pose_and_twist_of_a_spinning_throw(graph):
     turned = [0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)]
     graph.sim_node(

@@ -18,6 +18,7 @@ from simulated_clock import SECOND, ClockSource
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
+from softbody_ros.ros import scene_parameters
 from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.ros.simulation_interfaces import SCOPE_ALL, Simulation
 from softbody_ros.scene import parameters
@@ -573,6 +574,14 @@ def test_what_has_come_and_gone_many_times_leaves_nothing_behind(graph, sim):
     assert len(sim._parameters) == before[1]
     np.testing.assert_array_equal(sim._world.positions('ball'), before[0])
     require_agreement(sim)
+
+
+def test_of_what_has_gone_the_last_looks_are_kept(graph, sim, monkeypatch):
+    monkeypatch.setattr(scene_parameters, 'MOST_LOOKS', 2)
+    for name in ('a', 'b', 'c', 'b', 'd'):
+        assert set_atomically(graph, {'bodies': ['ball', name]}).successful
+    assert graph.set_parameter(SIM, 'bodies', ['ball']).successful
+    assert list(sim._parameters_of_scene._looks) == ['b', 'd']
 
 
 # ---------------------------------------------------------------------------------- the standard

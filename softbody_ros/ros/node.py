@@ -19,6 +19,7 @@ import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
+from rclpy.event_handler import QoSPublisherMatchedInfo
 from rclpy.exceptions import ParameterException
 from rclpy.logging import get_logger
 from rclpy.node import Node
@@ -341,9 +342,10 @@ class SimNode(Node):
         self._stepper.pause(True, self._now())
 
     # ----------------------------------------------------------------------------------- outputs
-    def _on_match(self, _: object) -> None:
+    def _on_match(self, info: QoSPublisherMatchedInfo) -> None:
         """Publish the state to a new subscriber if the next output may be long in coming."""
-        if self._stepper.paused or self._follows_clock():
+        is_new = info.current_count_change > 0
+        if is_new and (self._stepper.paused or self._follows_clock()):
             self._stepper.publish_now()
 
     def _publish(self, outputs: set[str]) -> None:

@@ -33,6 +33,8 @@ numbers and characters in these.
 """
 LONGEST_TOPIC = 247
 """Characters with which the middleware takes the full name of a topic."""
+MOST_LOOKS = 10_000
+"""Bodies and obstacles whose meshes and colours, as they were set, outlast their removal."""
 LISTS = ('bodies', 'obstacles')
 LOOKS = ('mesh', 'visual_mesh', 'color')
 """What the config of a world does not have as it was set."""
@@ -282,11 +284,14 @@ class SceneParameters:
         }
         new = [name for name in known if name in gone or name not in before]
         for name in {_owner(name) for name in gone} - {''}:
+            self._looks.pop(name, None)  # the last ones that were removed are the last ones
             self._looks[name] = {
                 f'{name}.{each}': self.values[f'{name}.{each}']
                 for each in LOOKS
                 if f'{name}.{each}' in self.values
             }
+        for name in list(self._looks)[:-MOST_LOOKS]:
+            del self._looks[name]
         self._new = {name for name in self._new | {_owner(name) for name in new} if name}
         self._known, self.scene = known, scene
         self.values = {
