@@ -45,6 +45,28 @@ def test_every_ros_package_that_is_imported_is_a_dependency():
     assert ros == {name for name in declared if not name.startswith('python3-')}
 
 
+def test_packages_import_only_what_the_architecture_lets_them():
+    page = (ROOT / 'docs' / 'explanation' / 'architecture.md').read_text()
+    rows = re.findall(r'^\| \[(\w+)\]\([^)]*\) \|.*\| ([^|]*) \|$', page, re.M)
+    source = ROOT / 'softbody_ros'
+    packages = {path.parent.name for path in source.glob('*/__init__.py')}
+    assert {name for name, _ in rows} == packages
+    allowed = {name: packages & set(re.findall(r'\w+', cell)) for name, cell in rows}
+    for path in source.rglob('*.py'):
+        package = path.relative_to(source).parts[0]
+        if package == '__main__.py':
+            continue
+        imported = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                imported |= {f'{node.module}.{alias.name}' for alias in node.names}
+        names = {name.split('.')[1] for name in imported if name.startswith('softbody_ros.')}
+        # modules beside the packages know none of them
+        assert names & packages <= {package, *allowed.get(package, ())}, path
+
+
 def test_package_format_and_build_type():
     assert PACKAGE.get('format') == '3'
     assert PACKAGE.findtext('export/build_type') == 'ament_python'

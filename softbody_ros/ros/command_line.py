@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from softbody_ros.viewer.__main__ import add_address
+from softbody_ros.web_address import add_address
 
 VIEWER = '--viewer'
 

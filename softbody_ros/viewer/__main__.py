@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import ipaddress
 import os
 import re
 import sys
@@ -14,6 +13,7 @@ import threading
 
 from softbody_ros.signals import stop_at_signal
 from softbody_ros.startup import without_garbage_collection
+from softbody_ros.web_address import add_address
 
 EPILOG = """\
 examples:
@@ -89,18 +89,6 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
-def add_address(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that say where the page is served."""
-    parser.add_argument(
-        '--host', default='127.0.0.1', type=_address, metavar='ADDRESS',
-        help='the address to serve at; 127.0.0.1 is this machine only [%(default)s]',
-    )  # fmt: skip
-    parser.add_argument(
-        '--port', default=8080, type=_port,
-        help='its port; if it is taken, the next free one [%(default)s]',
-    )  # fmt: skip
-
-
 def _node_name(text: str) -> str:
     name = '/' + text.removeprefix('/')
     if not re.fullmatch(r'(/[A-Za-z_]\w*)+', name, re.ASCII):
@@ -108,21 +96,6 @@ def _node_name(text: str) -> str:
             f'{text!r} is no name of a node: give one such as /softbody_sim'
         )
     return name
-
-
-def _address(text: str) -> str:
-    try:
-        return str(ipaddress.ip_address('127.0.0.1' if text == 'localhost' else text))
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f'{text!r} is no IP address: give one such as 127.0.0.1, or 0.0.0.0 for all'
-        ) from None
-
-
-def _port(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 65535:
-        raise argparse.ArgumentTypeError(f'{text!r} is no port: it must be from 1 to 65535')
-    return int(text)
 
 
 def _rate(text: str) -> float:
