@@ -44,9 +44,9 @@ accepted, is described in [Messages](messages.md)."""
 
 PUBLISHED_BEGIN = """\
 Nothing is computed or packed for a topic without subscribers. Subscribe to a topic that is
-*transient local* with transient local durability to receive its last message at any time. Topics
-with a message for each body or obstacle have deeper queues, where all that there can be find room;
-give subscribers queues with room for the bodies and obstacles that you have."""
+*transient local* with transient local durability to receive its last message at any time. Queues
+of topics with a message for each body or obstacle have at least the depth given here, and room for
+all of them: let those of subscribers have it, too."""
 
 RECEIVED_BEGIN = """\
 A message that cannot be used is ignored, with a warning at most every 5 s for each topic.
