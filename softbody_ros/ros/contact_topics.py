@@ -12,7 +12,7 @@ import numpy as np
 from rclpy.publisher import Publisher
 
 from softbody_ros.core import MeanWrenches, World
-from softbody_ros.core.contact_forces import ContactWrench, ObstacleKey
+from softbody_ros.core.contact_forces import ContactWrench, ObstacleKey, name_of_obstacle
 from softbody_ros.core.external_inputs import (
     MOST_DYNAMIC_OBSTACLES,
     DynamicObstacle,
@@ -149,9 +149,7 @@ class ContactTopics:
             if is_link(key):
                 continue
             # points, the last of all, are in the frame of the world
-            frame = key if isinstance(key, str) else frame_id
-            if isinstance(key, tuple):
-                frame = f'{key[0]}/{key[1]}'
+            frame = frame_id if key is None else name_of_obstacle(key)
             frame_ids[key] = frame
             rotation = IDENTITY if obstacle is None else obstacle.rotation
             listeners = every + (_heard(self._obstacle[key]) if key in self._obstacle else [])
