@@ -35,8 +35,9 @@ integrated over time (contact_forces.py); mean_wrenches.py has the means for rea
 
 config.py has all settings; external_inputs.py the inputs at run time: obstacles, points, wrenches,
 gravity; poke.py localised impulses; attachments.py what of a body moves with an obstacle;
-kinematic_tree.py and links.py links of robots as obstacles; prepared_config.py other bodies and
-obstacles, loaded beforehand. embedding.py carries fine surfaces by simulated ones, for pictures.
+kinematic_tree.py and links.py links of robots as obstacles; structure.py, body_shape.py and
+prepared_config.py other bodies and obstacles, loaded beforehand. embedding.py carries fine
+surfaces by simulated ones, for pictures.
 """
 
 from softbody_ros.core.collision.point_obstacles import PointObstacles

@@ -108,18 +108,18 @@ def _put_motion(
     frame: np.void, value: float, rate: float, parent: np.void, result: np.void
 ) -> None:
     """Write the motion of a frame, from that of its parent and of the joint between."""
-    turn, spin = matrix_of(parent['rotation']), vector_of(parent['angular'])
+    turn, angular = matrix_of(parent['rotation']), vector_of(parent['angular'])
     offset = applied(turn, vector_of(frame['position']))
     turn = product(turn, matrix_of(frame['rotation']))
     axis = applied(turn, vector_of(frame['axis']))
     slide: Vector = (0.0, 0.0, 0.0)
     if frame['kind'] == SLIDES:
         offset, slide = along(offset, value, axis), scaled(rate, axis)
-    linear = plus(plus(vector_of(parent['linear']), cross(spin, offset)), slide)
+    linear = plus(plus(vector_of(parent['linear']), cross(angular, offset)), slide)
     if frame['kind'] == TURNS:
         turn = product(turn, rotation_by(scaled(value, vector_of(frame['axis']))))
-        spin = along(spin, rate, axis)
+        angular = along(angular, rate, axis)
     put_vector(result['position'], plus(vector_of(parent['position']), offset))
     put_matrix(result['rotation'], turn)
     put_vector(result['linear'], linear)
-    put_vector(result['angular'], spin)
+    put_vector(result['angular'], angular)

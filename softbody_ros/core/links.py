@@ -193,11 +193,11 @@ def _put_followed(
         offset = minus(vector_of(target[row]['position']), vector_of(now[row]['position']))
         turned = product(rotation_by(scaled(seconds, angular)), turn)
         turned = product(turned, transposed(matrix_of(now[row]['rotation'])))
-        spin = scaled(1.0 / seconds, rotation_vector(quaternion_of(turned)))
+        needed = scaled(1.0 / seconds, rotation_vector(quaternion_of(turned)))
         record = followed[row]
         put_vector(record['linear'], along(linear, 1.0 / seconds, offset))
-        put_vector(record['angular'], spin)
-        missing = scaled(seconds, minus(spin, angular))
+        put_vector(record['angular'], needed)
+        missing = scaled(seconds, minus(needed, angular))
         record['difference'] = max(norm(offset), norm(missing))
         quaternion = quaternion_of(turn)
         for axis in range(4):

@@ -14,10 +14,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from softbody_ros.core import poke, sleeping
 from softbody_ros.core.attachments import Holders, attach
+from softbody_ros.core.body_shape import (
+    BYTES_OF_PARTICLE,
+    BodyShape,
+    ShapeCache,
+    body_of,
+    bytes_of,
+    make_body_shape,
+    placed_at_start,
+    require_possible,
+    shape_of,
+    start_positions,
+    start_surface,
+)
 from softbody_ros.core.collision import obstacles
 from softbody_ros.core.collision.collision_surface import CollisionSurface, CollisionSurfaces
 from softbody_ros.core.collision.fixed_points import FixedPoints
@@ -29,7 +41,6 @@ from softbody_ros.core.config import (
     ConfigError,
     ObstacleConfig,
     WorldConfig,
-    settings,
     shown,
     unknown_name,
 )
@@ -44,54 +55,46 @@ from softbody_ros.core.external_inputs import (
     Wrench,
     ticks_of,
 )
+from softbody_ros.core.finite import (
+    finite_array,
+    finite_number,
+    finite_rows,
+    finite_vector,
+)
 from softbody_ros.core.geometry.bounding_boxes import overlapping
 from softbody_ros.core.geometry.bvh import make_tree
-from softbody_ros.core.geometry.mesh import make_surface
-from softbody_ros.core.geometry.simplification import simplified
-from softbody_ros.core.geometry.surface import MeshError, Surface
-from softbody_ros.core.prepared_config import (
-    BYTES,
-    PreparedConfig,
-    Shape,
-    ShapeCache,
-    in_order,
-    list_bytes,
-    shared,
-)
+from softbody_ros.core.geometry.surface import Surface
+from softbody_ros.core.prepared_config import BYTES, PreparedConfig, list_bytes
 from softbody_ros.core.rigid_fit import RigidFit, fit_rigid_motion, rigid_field
 from softbody_ros.core.shape_matching.gains import put_gains
 from softbody_ros.core.shape_matching.material import (
     KAPPA,
     Material,
     make_material,
-    require_volume,
 )
-from softbody_ros.core.shape_matching.pins import Pins, make_pins, pinned_particles
+from softbody_ros.core.shape_matching.pins import Pins, make_pins
 from softbody_ros.core.shape_matching.plasticity import (
     largest_permanent_strain,
     permanent_strains,
 )
-from softbody_ros.core.shape_matching.regions import Regions, make_regions
+from softbody_ros.core.shape_matching.regions import Regions
 from softbody_ros.core.shape_matching.rest_shape import (
     RestShape,
-    make_rest_shape,
-    make_solid_rest_shape,
     weighted_mean,
 )
 from softbody_ros.core.state import Body, BodyState, ObstacleTotals, State
 from softbody_ros.core.step import Environment, Integrator, SimulationError, SolverWork
-
-START_STATE = (
-    'position',
-    'orientation',
-    'initial_velocity_linear',
-    'initial_velocity_angular',
+from softbody_ros.core.structure import (
+    in_order,
+    moves_alike,
+    require_same_settings,
+    require_same_structure,
+    shape_key,
+    shared,
+    structure_of,
+    with_structure,
 )
-"""Settings of a body that take effect on `reset` and `apply_initial_velocity`."""
 
-
-BYTES_OF_PARTICLE = 200
-"""Approximate memory of a rest shape, for each of its particles."""
 FILTERED = 3.0
 """Distance from bodies up to which the noise of points is filtered, in their radii."""
 
@@ -172,7 +175,7 @@ class World:
         self.time_jumps = 0
         self.rebuilds = -1
         self._inputs = ExternalInputs()
-        self._shapes: dict[tuple, Shape] = {}
+        self._shapes: dict[tuple, BodyShape] = {}
         self._known_shapes = ShapeCache()
         self._surfaces: dict[tuple[int, int], CollisionSurface] = {}
         self._obstacle_table, self._fixed_points = ObstacleTable(), FixedPoints()
@@ -419,7 +422,7 @@ class World:
     def _reset_body(self, index: int) -> None:
         """Put a body into its initial state."""
         state, body = self._state, self._bodies[index]
-        state.positions(index)[:] = _start_positions(body.config, body.rest)
+        state.positions(index)[:] = start_positions(body.config, body.rest)
         state.set_plastic_state(index, None)
         state.forget_contacts(index, self.tick)
         sleeping.begin_watching(state, [index])
@@ -456,8 +459,8 @@ class World:
 
         """
         index, fit = self._index_of(name), self.rigid_fit(name)
-        position = _vector(position, 'position')
-        rotation = _finite(rotation, (3, 3), 'rotation', 'a matrix')
+        position = finite_vector(position, 'position')
+        rotation = finite_array(rotation, (3, 3), 'rotation', 'a matrix')
         x, v = self._state.positions(index), self._state.velocities(index)
         rotation_change = rotation @ fit.rotation.T
         arms = x - fit.position[:, None]
@@ -488,7 +491,7 @@ class World:
 
         """
         index = self._index_of(name)
-        linear, angular = _vector(linear, 'linear'), _vector(angular, 'angular')
+        linear, angular = finite_vector(linear, 'linear'), finite_vector(angular, 'angular')
         arms = self._state.positions(index) - self.rigid_fit(name).position[:, None]
         self._state.velocities(index)[:] = rigid_field(linear, angular, arms)
         self._wake(index)
@@ -511,8 +514,8 @@ class World:
         index = self._index_of(name)
         rest = self._bodies[index].rest
         count = rest.surface_count
-        x = None if positions is None else _rows(positions, count, f'positions of {name}')
-        v = None if velocities is None else _rows(velocities, count, f'velocities of {name}')
+        x = None if positions is None else finite_rows(positions, count, f'positions of {name}')
+        v = None if velocities is None else finite_rows(velocities, count, f'velocities of {name}')
         for given, current in (
             (x, self._state.positions(index)),
             (v, self._state.velocities(index)),
@@ -566,7 +569,7 @@ class World:
         if (snapshot.gravity != self.gravity).any():
             self._wake(slice(None))
         for index, (body, saved) in enumerate(zip(self._bodies, snapshot.bodies, strict=True)):
-            if not _moves_alike(saved.config, body.config):
+            if not moves_alike(saved.config, body.config):
                 self._wake(index)
         for obstacle, before in zip(self._obstacles, snapshot.obstacles, strict=True):
             if obstacle.config != before.config:
@@ -671,33 +674,33 @@ class World:
 
         """
         base = self.config if base is None else base
-        _require_same_settings(base, config)
+        require_same_settings(base, config)
         config = dataclasses.replace(
             config,
             bodies=shared(in_order(config.bodies, base.bodies), base.bodies),
             obstacles=shared(in_order(config.obstacles, base.obstacles), base.obstacles),
         )
-        known = {_structure(item): item for item in base.items}
-        changed = [item for item in config.items if known.get(_structure(item)) is not item]
+        known = {structure_of(item): item for item in base.items}
+        changed = [item for item in config.items if known.get(structure_of(item)) is not item]
         nbytes = BYTES * (1 + len(changed)) + sum(map(list_bytes, changed))
-        shapes: dict[str, Shape] = {}
+        shapes: dict[str, BodyShape] = {}
         for body in config.bodies:
-            if known.get(_structure(body)) is body:
+            if known.get(structure_of(body)) is body:
                 continue
-            is_new = _structure(body) not in known
+            is_new = structure_of(body) not in known
             shape = None if is_new else self._present_shape(body)
             shape = shape or self._known_shapes.get(body)
             if shape is None and is_new:
                 shape = self._loaded_shape(body)
-                nbytes += _bytes_of(shape)
+                nbytes += bytes_of(shape)
             if shape is not None:
-                _require_possible(body, shape.rest)
+                require_possible(body, shape.rest)
                 if is_new:
                     shapes[body.name] = shape
         made = {
             item.name: obstacles.made(item)
             for item in config.obstacles
-            if _structure(item) not in known
+            if structure_of(item) not in known
         }
         prepared = PreparedConfig(config, shapes, made, nbytes)
         if not lenient:
@@ -717,8 +720,8 @@ class World:
             if not config.attach_to:
                 continue
             if config.name in prepared.shapes or index is None:
-                shape = prepared.shapes.get(config.name) or self._shape_of(config)
-                x, rest = _start_surface(config, shape.rest), shape.rest
+                shape = prepared.shapes.get(config.name) or self._body_shape(config)
+                x, rest = start_surface(config, shape.rest), shape.rest
             elif config.attachment != self._bodies[index].config.attachment:
                 x, rest = self._state.surface_positions(index).T, self._bodies[index].rest
             else:
@@ -731,10 +734,10 @@ class World:
 
         New bodies begin at their start poses. Those that stay keep their order and their state.
         """
-        wanted = {_structure(item): item for item in prepared.config.items}
-        present = {_structure(item) for item in self.config.items}
+        wanted = {structure_of(item): item for item in prepared.config.items}
+        present = {structure_of(item) for item in self.config.items}
         if wanted.keys() != present:
-            self._exchange(prepared, wanted, present)
+            self._replace_structure(prepared, wanted, present)
         self.configure(
             dataclasses.replace(
                 prepared.config,
@@ -744,31 +747,31 @@ class World:
             lenient=True,
         )
 
-    def _exchange(
+    def _replace_structure(
         self, prepared: PreparedConfig, wanted: Mapping[tuple, Any], present: set[tuple]
     ) -> None:
         """Remove bodies and obstacles that are not wanted, and add those that are not present."""
-        bodies = [body for body in self._bodies if _structure(body.config) in wanted]
-        standing = [item for item in self._obstacles if _structure(item.config) in wanted]
+        bodies = [body for body in self._bodies if structure_of(body.config) in wanted]
+        standing = [item for item in self._obstacles if structure_of(item.config) in wanted]
         new_bodies = []
         for config in prepared.config.bodies:
-            if _structure(config) not in present:
-                shape = prepared.shapes.get(config.name) or self._shape_of(config)
-                new_bodies.append(_body_of(config, shape))
+            if structure_of(config) not in present:
+                shape = prepared.shapes.get(config.name) or self._body_shape(config)
+                new_bodies.append(body_of(config, shape))
         new_obstacles = [
             prepared.obstacles.get(config.name) or obstacles.made(config)
             for config in prepared.config.obstacles
-            if _structure(config) not in present
+            if structure_of(config) not in present
         ]
         gone = [
             index
             for index, body in enumerate(self._bodies)
-            if _structure(body.config) not in wanted
+            if structure_of(body.config) not in wanted
         ]
         removed = [
             row
             for row, item in enumerate(self._obstacles)
-            if _structure(item.config) not in wanted
+            if structure_of(item.config) not in wanted
         ]
         self._let_go_of(gone, removed)
         bodies, standing = bodies + new_bodies, standing + new_obstacles
@@ -788,25 +791,25 @@ class World:
 
     def _make_body(self, config: BodyConfig) -> Body:
         """Return a body, which shares its rest shape with others of the same mesh."""
-        shape = self._shape_of(config)
-        _require_possible(config, shape.rest)
-        return _body_of(config, shape)
+        shape = self._body_shape(config)
+        require_possible(config, shape.rest)
+        return body_of(config, shape)
 
-    def _shape_of(self, config: BodyConfig) -> Shape:
-        key = _shape_key(config)
+    def _body_shape(self, config: BodyConfig) -> BodyShape:
+        key = shape_key(config)
         if key not in self._shapes:
             self._shapes[key] = self._loaded_shape(config)
         return self._shapes[key]
 
-    def _present_shape(self, config: BodyConfig) -> Shape | None:
+    def _present_shape(self, config: BodyConfig) -> BodyShape | None:
         """Return the shape of a body of this structure, if it is there."""
         index = self._index.get(config.name)
-        if index is None or _structure(self._bodies[index].config) != _structure(config):
+        if index is None or structure_of(self._bodies[index].config) != structure_of(config):
             return None
-        return _shape_of_body(self._bodies[index])
+        return shape_of(self._bodies[index])
 
-    def _loaded_shape(self, config: BodyConfig) -> Shape:
-        shape = _make_shape(config)
+    def _loaded_shape(self, config: BodyConfig) -> BodyShape:
+        shape = make_body_shape(config)
         self._known_shapes.put(config, shape)
         return shape
 
@@ -814,7 +817,7 @@ class World:
         """Build the arrays for the present bodies."""
         self.rebuilds += 1
         self._index = {body.config.name: index for index, body in enumerate(self._bodies)}
-        self._shapes = {_shape_key(body.config): _shape_of_body(body) for body in self._bodies}
+        self._shapes = {shape_key(body.config): shape_of(body) for body in self._bodies}
         self._state = State(self._bodies)
         self._body_boxes = sleeping.BodyBoxes(self._state)
         self._awake = None
@@ -865,16 +868,16 @@ class World:
 
     def _restore_structure(self, snapshot: Snapshot) -> None:
         """Restore the bodies and obstacles of a snapshot; present ones keep their config."""
-        now = {_structure(body.config): body for body in self._bodies}
-        configs = {_structure(config): config for config in self.config.obstacles}
-        bodies = {_structure(body.config): body for body in snapshot.bodies}
-        present = {_structure(saved.config): saved.config for saved in snapshot.obstacles}
+        now = {structure_of(body.config): body for body in self._bodies}
+        configs = {structure_of(config): config for config in self.config.obstacles}
+        bodies = {structure_of(body.config): body for body in snapshot.bodies}
+        present = {structure_of(saved.config): saved.config for saved in snapshot.obstacles}
         chosen = []
         for key, body in bodies.items():
             same = now.get(key)
             if same is None:
                 same = dataclasses.replace(body)
-            elif any(map(is_not, _shape_of_body(same), _shape_of_body(body))):
+            elif any(map(is_not, shape_of(same), shape_of(body))):
                 # it has been removed and added again since, perhaps with another mesh file
                 same = dataclasses.replace(body, config=same.config)
             chosen.append(same)
@@ -1071,7 +1074,7 @@ class World:
         """
         if name is not None:
             self._index_of(name)
-        force, torque = _vector(force, 'force'), _vector(torque, 'torque')
+        force, torque = finite_vector(force, 'force'), finite_vector(torque, 'torque')
         ends_at = self._after(seconds)
         wrench = Wrench(force, torque, in_body_axes, ends_at)
         self._set_inputs(self._inputs.with_wrench(EVERY_BODY if name is None else name, wrench))
@@ -1086,12 +1089,12 @@ class World:
             if a number is not finite; nothing has changed then.
 
         """
-        gravity = _vector(gravity, 'gravity')
+        gravity = finite_vector(gravity, 'gravity')
         self._set_inputs(self._inputs.with_gravity(gravity, self._after(seconds)))
 
     def _after(self, seconds: float) -> int:
         """Return the first tick after some time."""
-        return self.tick + ticks_of(_number(seconds, 'seconds'), self.config.time_step)
+        return self.tick + ticks_of(finite_number(seconds, 'seconds'), self.config.time_step)
 
     def poke(self, point: ArrayLike, impulse: float, radius: float) -> str:
         """
@@ -1117,8 +1120,8 @@ class World:
             if a number is not finite; nothing has changed then.
 
         """
-        point = _vector(point, 'point')
-        impulse, radius = _number(impulse, 'impulse'), _number(radius, 'radius')
+        point = finite_vector(point, 'point')
+        impulse, radius = finite_number(impulse, 'impulse'), finite_number(radius, 'radius')
         name, distance = self.nearest(point)
         if distance >= radius:
             return ''
@@ -1210,7 +1213,7 @@ class World:
             body.pins = self._pins_by(index, config)
         body.config = config
         self._put_gains(self._state.bodies[index], body)
-        if not _moves_alike(old, config):
+        if not moves_alike(old, config):
             self._wake(index)
         same = before is body.pins or (
             before is not None and body.pins is not None and before.rest is body.pins.rest
@@ -1275,10 +1278,10 @@ class World:
 
     def check(self, config: WorldConfig, lenient: bool = False) -> None:
         """Raise ConfigError if `configure` cannot use a config."""
-        _require_same_structure(self.config, config)
+        require_same_structure(self.config, config)
         for index, (body, new) in enumerate(zip(self._bodies, config.bodies, strict=True)):
             if new is not body.config:
-                _require_possible(new, body.rest)
+                require_possible(new, body.rest)
                 if new.attachment != body.config.attachment and not lenient:
                     self._check_attachment(index, new)
 
@@ -1478,7 +1481,7 @@ class World:
     def start_positions(self, name: str) -> np.ndarray:
         """Return (n, 3) float: the positions to which `reset` takes a body, m."""
         body = self._bodies[self._index_of(name)]
-        return _start_surface(body.config, body.rest)
+        return start_surface(body.config, body.rest)
 
     def positions(self, name: str) -> np.ndarray:
         """Return (n, 3) float: a copy of the positions of the surface, m."""
@@ -1507,7 +1510,7 @@ class World:
     def visual_start_positions(self, name: str) -> np.ndarray:
         """Return (k, 3) float: `visual_positions` at the start, to which `reset` returns, m."""
         config = self.body_config(name)
-        return _placed_at_start(config, self.visual_surface(name).vertices).T
+        return placed_at_start(config, self.visual_surface(name).vertices).T
 
     def embedding(self, name: str) -> Embedding | None:
         """Return how the surface that a body is shown by is carried; None if it is simulated."""
@@ -1562,149 +1565,6 @@ class World:
         return self._index[name]
 
 
-def with_structure(config: WorldConfig, structure: WorldConfig) -> WorldConfig:
-    """Return a config with the bodies and obstacles of another one, with its own parameters."""
-    known: dict[tuple, Any] = {_structure(item): item for item in config.items}
-    return dataclasses.replace(
-        config,
-        bodies=tuple(known.get(_structure(body), body) for body in structure.bodies),
-        obstacles=tuple(known.get(_structure(item), item) for item in structure.obstacles),
-    )
-
-
-def same_structure(one: WorldConfig, other: WorldConfig) -> bool:
-    """Whether two configs have the same bodies and obstacles, in the same order."""
-    return [_structure(item) for item in one.items] == [_structure(item) for item in other.items]
-
-
-def _make_shape(body: BodyConfig) -> Shape:
-    """
-    Return what follows from the meshes of a body.
-
-    Raises
-    ------
-    ConfigError, MeshError
-        with one sentence that says what to change.
-
-    """
-    try:
-        surface = fine = _surface_of(body, body.mesh)
-        if body.simplify_to:
-            surface = simplified(fine, body.simplify_to)
-        is_solid = body.mass_distribution == 'volume'
-        rest = make_solid_rest_shape(surface) if is_solid else make_rest_shape(surface)
-    except MeshError as error:
-        raise MeshError(f'{body.prefix}{error}') from None
-    regions = _regions_of(body, rest)
-    try:
-        if body.visual_mesh != '':
-            fine = _surface_of(body, body.visual_mesh)
-        embedding = None if fine is surface else Embedding(surface, fine)
-    except MeshError as error:
-        raise MeshError(f'{body.prefix}visual_{error}') from None
-    return Shape(rest, regions, embedding)
-
-
-def _surface_of(body: BodyConfig, mesh: str | Surface) -> Surface:
-    """Return a surface of a body: all of them are loaded alike."""
-    if isinstance(mesh, Surface):
-        return mesh
-    return make_surface(mesh, body.size, body.subdivisions, body.mesh_frame)
-
-
-def _body_of(config: BodyConfig, shape: Shape) -> Body:
-    pins = make_pins(config, shape.rest)
-    return Body(config, shape.rest, shape.regions, pins, shape.embedding)
-
-
-def _shape_of_body(body: Body) -> Shape:
-    return Shape(body.rest, body.regions, body.embedding)
-
-
-def _bytes_of(shape: Shape) -> int:
-    """Return the approximate memory of a shape."""
-    fine = 0 if shape.embedding is None else len(shape.embedding.visual.vertices)
-    return BYTES_OF_PARTICLE * (shape.rest.particle_count + fine)
-
-
-def _regions_of(body: BodyConfig, rest: RestShape) -> Regions | None:
-    if body.regions_count > rest.surface_count:
-        raise ConfigError(
-            f'{body.prefix}regions.count is {body.regions_count}: the mesh has only '
-            f'{rest.surface_count} vertices'
-        )
-    if not body.regions_count:
-        return None
-    return make_regions(rest, body.regions_count, body.regions_overlap)
-
-
-def _moves_alike(one: BodyConfig, other: BodyConfig) -> bool:
-    """Return whether configs of a body differ at most in what takes effect on `reset`."""
-    if one is other:
-        return True
-    start = {field: getattr(other, field) for field in START_STATE}
-    return dataclasses.replace(one, **start) == other
-
-
-def _require_possible(body: BodyConfig, rest: RestShape) -> None:
-    """Raise ConfigError if the settings of a body ask for what its mesh has not."""
-    pinned_particles(body, rest)
-    require_volume(body, rest)
-
-
-def _rows(values: ArrayLike, count: int, what: str) -> np.ndarray:
-    """Return values as an array (count, 3) of finite numbers."""
-    return _finite(values, (count, 3), what, 'x, y, z of each vertex')
-
-
-def _vector(values: ArrayLike, what: str) -> np.ndarray:
-    """Return values as a new array (3,) of finite numbers."""
-    return np.array(_finite(values, (3,), what, 'x, y, z'))
-
-
-def _number(value: float, what: str) -> float:
-    """Return a finite number."""
-    return float(_finite(value, (), what, 'one number'))
-
-
-def _finite(values: ArrayLike, shape: tuple[int, ...], what: str, meaning: str) -> np.ndarray:
-    """
-    Return values as an array of finite numbers.
-
-    Raises
-    ------
-    ConfigError
-        if they are no such numbers, or the shape is another one.
-
-    """
-    try:
-        array = np.asarray(values, float)
-    except (TypeError, ValueError):
-        raise ConfigError(f'{what}: it is no array of numbers, it must be {meaning}') from None
-    if array.shape != shape:
-        raise ConfigError(f'{what}: its shape is {array.shape}, it must be {shape}, {meaning}')
-    if not np.isfinite(array).all():
-        wrong = array[~np.isfinite(array)].flat[0]
-        raise ConfigError(f'{what}: a number of it is {wrong}, all must be finite')
-    return array
-
-
-def _start_positions(body: BodyConfig, rest: RestShape) -> np.ndarray:
-    """Return (3, N) float: all particles of the rest shape at the start pose, m."""
-    return _placed_at_start(body, rest.particles)
-
-
-def _start_surface(body: BodyConfig, rest: RestShape) -> np.ndarray:
-    """Return (n, 3) float: the surface at the start pose, m."""
-    return _start_positions(body, rest)[:, : rest.surface_count].T
-
-
-def _placed_at_start(body: BodyConfig, points: np.ndarray) -> np.ndarray:
-    """Return (3, n) float: points (n, 3) of the body's own frame at the start pose, m."""
-    rotation = Rotation.from_quat(body.orientation).as_matrix()
-    return rotation @ points.T + np.array(body.position)[:, None]
-
-
 def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
     target = obstacles.placed(config, current.tree)
     same_pose = (
@@ -1714,56 +1574,6 @@ def _reconfigured(current: Obstacle, config: ObstacleConfig) -> Obstacle:
     if same_pose:
         return _with_config(current, config)
     return target
-
-
-def _require_same_structure(old: WorldConfig, new: WorldConfig) -> None:
-    def names(config: WorldConfig) -> list[list[str]]:
-        return [[item.name for item in items] for items in (config.bodies, config.obstacles)]
-
-    if names(old) != names(new):
-        raise ConfigError(
-            'bodies and obstacles are added and removed by World.add and World.remove, not here'
-        )
-    _require_same_settings(old, new)
-
-
-def _require_same_settings(old: WorldConfig, new: WorldConfig) -> None:
-    """Raise ConfigError if a read-only setting of something that stays differs."""
-
-    def read_only(config: WorldConfig) -> Mapping[tuple[type, str], object]:
-        values: dict[tuple[type, str], object] = {}
-        for item in (config, *config.items):
-            for field, dotted, facts in settings(item):
-                if facts.read_only:
-                    values[type(item), item.prefix + dotted] = getattr(item, field)
-        return values
-
-    before = read_only(old)
-    for key, value in read_only(new).items():
-        if key in before and value is not before[key] and value != before[key]:
-            raise ConfigError(
-                f'{key[1]} is {shown(before[key])} and cannot change: make a new World'
-            )
-
-
-def _structure(config: BodyConfig | ObstacleConfig) -> tuple:
-    """Return the key by which bodies, or obstacles, can exchange their states."""
-    if isinstance(config, BodyConfig):
-        return config.name, *_shape_key(config)
-    mesh = id(config.mesh) if isinstance(config.mesh, Surface) else config.mesh
-    return config.name, config.type, mesh, config.mesh_frame, config.subdivisions
-
-
-def _shape_key(config: BodyConfig) -> tuple:
-    """Return the key by which bodies share rest shape, regions and embedding."""
-    mesh, visual = (
-        id(mesh) if isinstance(mesh, Surface) else mesh
-        for mesh in (config.mesh, config.visual_mesh)
-    )
-    is_loaded = isinstance(mesh, str) or (isinstance(visual, str) and visual != '')
-    size = (config.size, config.mesh_frame, config.subdivisions) if is_loaded else None
-    regions = (config.regions_count, config.regions_overlap)
-    return mesh, visual, config.simplify_to, config.mass_distribution, size, *regions
 
 
 def _with_config(obstacle: Obstacle, config: ObstacleConfig) -> Obstacle:

@@ -13,7 +13,7 @@ import math
 import time
 
 from softbody_ros.core import ConfigError, PreparedConfig, World, WorldConfig
-from softbody_ros.core.world import same_structure, with_structure
+from softbody_ros.core.structure import same_structure, with_structure
 from softbody_ros.timeline.history import Action, History, LoggedAction
 
 SLICE = 0.02

@@ -99,7 +99,7 @@ MEMBER = np.dtype(
         ('mobility', np.float64),  # ρ of residuals
         ('lasting', np.float64),  # share of the velocity of deformation that is left after a tick
         # changes of velocity per displacement, times h / 2: of the last three, and of residuals
-        ('rate', np.float64, (4,)),
+        ('velocity_response', np.float64, (4,)),
         # moments with the whitened features, see `modal_flight`
         ('shape', np.float64, (QUADRATIC_FEATURES, 3)),  # D, m
         ('volume', np.float64, (QUADRATIC_FEATURES, 3)),  # A, of size 1
@@ -198,7 +198,7 @@ def put_member(member: np.void, body: np.void, shape: np.void, number: int, h: f
 @helper
 def put_response(member: np.void, body: np.void, h: float) -> None:
     """Write the responses of the kinds of modes, relative to those of a rigid one."""
-    response, rate, gains = member['response'], member['rate'], body['response']
+    response, rate, gains = member['response'], member['velocity_response'], body['response']
     for k in range(4):
         response[k] = rate[k] = 0.0
     response[0], member['mobility'] = 1.0, 0.0
@@ -348,7 +348,7 @@ def put_fit(
 
     """
     size, along_volume = factor / math.sqrt(member['mass']), 0.0
-    volume, response, rate = member['volume'], member['response'], member['rate']
+    volume, response, rate = member['volume'], member['response'], member['velocity_response']
     followed, breathing, stiffer = response[1], response[2], response[3]
     if of_velocity:
         followed, breathing, stiffer = followed * rate[0], breathing * rate[1], stiffer * rate[2]
@@ -410,7 +410,7 @@ def start_velocities(members: np.ndarray, particles: np.ndarray, y: np.ndarray, 
     for k in range(len(particles)):
         particle = particles[k]
         member = members[particle['member']]
-        velocity = scaled(2.0 / h * member['rate'][3], vector_of(particle['shift']))
+        velocity = scaled(2.0 / h * member['velocity_response'][3], vector_of(particle['shift']))
         if member['lasting'] < 1.0:
             # what is lost before the next tick should not push the body
             own = applied(matrix_of(member['rotation']), vector_of(particle['speed']))
