@@ -667,3 +667,30 @@ def test_numbers_that_are_none_are_refused_without_effect(call):
     assert world.external_inputs is inputs
     assert world.is_asleep('body')
     world.step(10)
+
+
+def test_contacts_with_obstacles_of_one_name_are_known_again_one_by_one():
+    """A box in a corner of two received boxes, which have one name, as all markers have."""
+
+    def pushed(names):
+        floor, wall = (
+            ObstacleConfig(name=name, type='box', size=(1.0, 1.0, 0.1), **pose)
+            for name, pose in zip(
+                names,
+                ({'position': (0, 0, -0.1)}, {'position': (0.3, 0, 0), 'orientation': TURNED}),
+                strict=True,
+            )
+        )
+        crate = body('box', size=0.2, mode='rigid', friction=0.5, position=(0.0, 0.0, 0.2))
+        world = floating(crate, gravity=9.81)
+        world.change_obstacles([ObstacleUpdate(('a', 0), floor), ObstacleUpdate(('a', 1), wall)])
+        world.apply_wrench('body', (30.0, 0.0, 0.0), (0.0, 0.0, 0.0), 10.0)
+        world.step(80)
+        force = world.contact_wrench('body')[0]
+        assert force == pytest.approx((-30.0, 0.0, 9.81), abs=0.5)
+        return bytes_of(world), world.solver_work
+
+    assert pushed(('marker', 'marker')) == pushed(('floor', 'wall'))
+
+
+TURNED = (0.0, float(np.sin(np.pi / 4)), 0.0, float(np.cos(np.pi / 4)))

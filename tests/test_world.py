@@ -4,6 +4,7 @@
 
 from collections import Counter
 import dataclasses
+import itertools
 import os
 from pathlib import Path
 import subprocess
@@ -35,6 +36,7 @@ from softbody_ros.core import (
     World,
     WorldConfig,
 )
+from softbody_ros.core.body import IDENTITIES, identities
 
 pytestmark = pytest.mark.oldest
 
@@ -466,3 +468,20 @@ def test_loading_kernels_changes_no_bit():
     for each in (world, untouched):
         each.step(50)
     assert whole_state(world) == whole_state(untouched)
+
+
+# ----------------------------------------------------------------------------------- identities
+def test_no_two_names_have_the_same_number_in_any_order():
+    numbers = {}
+    while True:  # of half a million numbers, two of a thousand names or so coincide
+        name = f'body {len(numbers)}'
+        (number,) = identities([name])
+        if number in numbers:
+            break
+        numbers[number] = name
+    names = [name, numbers[number], 'other']
+    given = dict(zip(names, identities(names), strict=True))
+    assert len(set(given.values())) == 3
+    assert all(0 <= each < IDENTITIES for each in given.values())
+    for order in itertools.permutations(names):
+        assert identities(order) == [given[each] for each in order]
