@@ -337,44 +337,89 @@ def find_obstacle_rows(
     found = 0
     for number in range(len(members)):
         member = members[number]
-        body = bodies[member['body']]
-        first, count, now = body['first'], body['surface'], body['now']
-        shape = shapes[body['shape']]
-        x0, x1 = x[now], x[1 - now]
-        if member['is_soft'] and not member['starts']:
+        if is_held(member) or (member['is_soft'] and not member['starts']):
             continue
-        if is_held(member):
-            continue
-        low, high, low_before, high_before = ZERO, ZERO, ZERO, ZERO
-        bounded, begin, which = False, found, 0
-        while which < len(obstacles):
-            obstacle, reach = obstacles[which], body['thickness'] + member['margin']
-            which += 1
-            if obstacle['kind'] != PLANE:
-                if not bounded:
-                    low, high = box_around(x1, first, count)
-                    low_before, high_before = box_around(x0, first, count)
-                    bounded = True
-                if not may_touch(obstacle, low, high, low_before, high_before, reach):
-                    continue
-            near = find_contacts(obstacle, trees, x1, x0, first, count, reach, True, contacts, 0)
-            for k in range(near):
-                if is_pinned[first + contacts[k]['particle']]:
-                    continue
-                if found < len(rows):
-                    weight = weights[shape['first'] + contacts[k]['particle']]
-                    velocity = put_obstacle_row(
-                        rows[found], contacts[k], number, body, reach, weight, obstacle, which - 1,
-                        memory, x, v, flown, h,
-                    )  # fmt: skip
-                    complete_row(rows[found], members, velocity, h)
-                    if member['margin'] < member['widest'] and not is_calm(rows[found], member):
-                        # it is not steady: begin again with the wider margin
-                        member['margin'] = member['widest']
-                        found, which = begin, 0
-                        break
-                found += 1
+        end, is_done = found, False
+        while not is_done:
+            end, is_done = find_rows_of_body(
+                bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, members,
+                contacts, rows, is_pinned, number, found,
+            )  # fmt: skip
+            if not is_done:
+                # it is not steady: begin again with the wider margin, which is wide enough
+                member['margin'] = member['widest']
+        found = end
     return found
+
+
+@helper
+def find_rows_of_body(
+    bodies: np.ndarray,
+    shapes: np.ndarray,
+    weights: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    flown: np.ndarray,
+    obstacles: np.ndarray,
+    trees: Trees,
+    h: float,
+    memory: np.ndarray,
+    members: np.ndarray,
+    contacts: np.ndarray,
+    rows: np.ndarray,
+    is_pinned: np.ndarray,
+    number: int,
+    found: int,
+) -> tuple[int, bool]:
+    """
+    Write the rows of one body, up to the first contact that is too wild for its narrow margin.
+
+    Parameters
+    ----------
+    number : int
+        of the member
+    found : int
+        number of rows before
+    others
+        see `find_obstacle_rows`
+
+    Returns
+    -------
+    found : int
+        number of rows, even beyond the capacity
+    is_calm : bool
+        whether there is no such contact
+
+    """
+    member = members[number]
+    body = bodies[member['body']]
+    first, count, shape = body['first'], body['surface'], shapes[body['shape']]
+    start, end, reach = x[body['now']], x[1 - body['now']], body['thickness'] + member['margin']
+    low, high, low_before, high_before, is_bounded = ZERO, ZERO, ZERO, ZERO, False
+    for which in range(len(obstacles)):
+        obstacle = obstacles[which]
+        if obstacle['kind'] != PLANE:
+            if not is_bounded:
+                low, high = box_around(end, first, count)
+                low_before, high_before = box_around(start, first, count)
+                is_bounded = True
+            if not may_touch(obstacle, low, high, low_before, high_before, reach):
+                continue
+        near = find_contacts(obstacle, trees, end, start, first, count, reach, True, contacts, 0)
+        for k in range(near):
+            particle = contacts[k]['particle']
+            if is_pinned[first + particle]:
+                continue
+            if found < len(rows):
+                velocity = put_obstacle_row(
+                    rows[found], contacts[k], number, body, reach,
+                    weights[shape['first'] + particle], obstacle, which, memory, x, v, flown, h,
+                )  # fmt: skip
+                complete_row(rows[found], members, velocity, h)
+                if member['margin'] < member['widest'] and not is_calm(rows[found], member):
+                    return found, False
+            found += 1
+    return found, True
 
 
 @helper

@@ -44,7 +44,7 @@ LINEARISED = 5e-6
 
 ROW = np.dtype(
     [
-        # the contact problem: components are along the normal and two tangents
+        # the contact problem, see `problem`: components are along the normal and two tangents
         ('one', np.int64),  # member that f acts on
         ('two', np.int64),  # member that −f acts on, or −1
         ('bias', np.float64, (3,)),  # b
@@ -60,6 +60,7 @@ ROW = np.dtype(
         ('particles', np.int64, (4,)),
         ('shares_particles', np.bool_),  # whether other contacts act on these, too
         ('rubs', np.bool_),  # with viscous friction whether it presses or not
+        # of Newton's method, see `newton`
         ('target', np.float64, (3,)),  # what f approaches
         ('best', np.float64, (3,)),  # of all that f has been, nearest to a solution
         ('radius', np.float64),  # of the friction disc
@@ -69,7 +70,7 @@ ROW = np.dtype(
         ('stiffness', np.float64, (4,)),  # G: normal, and 11, 12, 22 of the tangents
         ('face', np.float64, (4,)),  # projector on forces that may change, the same components
         ('curvature', np.float64),  # of the disc's edge, times the force that presses against it
-        # the contact
+        # the contact, as it is found: see `detection`
         ('key', np.int64),  # identifies it from tick to tick
         # what all contacts are looked through for
         ('obstacle', np.int64),  # second side, or −1
@@ -97,6 +98,7 @@ ROW = np.dtype(
         ('softness', np.float64),  # of its compliance, relative to the mean: few on little area
         ('elasticity', np.float64),
         ('of_face', np.bool_),  # whether the normal is that of a face of the first side
+        # of its solution, see `positions` and `velocities`
         ('positional', np.float64, (3,)),  # force that is constant over the tick, N
         ('free', np.float64, (2,)),  # slip, or its speed, that viscous friction reduces
         ('end_point', np.float64, (3,)),  # after the tick, m
@@ -522,47 +524,85 @@ def put_face_row(
     """
     owner, other = contact['body'], contact['other']
     body = bodies[members[other]['body']]
-    side = 0 if owner >= len(members) else 1
-    start, velocities = x[1 - body['now']], v[body['now']]
-    point, normal = vector_of(contact['point']), vector_of(contact['normal'])
-    face_velocity = ZERO
     begin_sides(row)
-    for corner in range(1, 4):
-        column, share = contact['particles'][corner], -contact['coefficients'][corner]
-        face_velocity = along(face_velocity, share, column_of(velocities, column))
-        at = column_of(start, column)
-        add_side(row, side, corner, share, column, at, body, x, flown)
-    put_vector(row['point'], point)
-    row['obstacle'] = -1
-    row['column'] = contact['particles'][0]
-    put_vector(row['other_velocity'], ZERO)
     if owner < len(members):
         one = bodies[members[owner]['body']]
         column = contact['particles'][0]
-        row['one'], row['two'], row['of_face'] = owner, other, False
+        velocity = put_face(row, 1, contact, body, x, v, flown)
+        row['one'], row['two'], row['obstacle'], row['of_face'] = owner, other, -1, False
+        row['key'] = key_of(OF_BODIES, body['id'], one['id'], column - one['first'])
+        row['column'] = column
         weight = weights[shapes[one['shape']]['first'] + column - one['first']]
         row['softness'] = softness_of(weight, one['surface'])
-        row['key'] = key_of(OF_BODIES, body['id'], one['id'], column - one['first'])
-        put_vector(row['normal'], normal)
         row['gap'] = members[owner]['margin'] + members[other]['margin'] - contact['depth']
-        add_side(row, 0, 0, 1.0, column, point, one, x, flown)
-        offset = minus(vector_of(row['offsets'][0]), vector_of(row['offsets'][1]))
-        row['gap'] += dot(normal, offset)
-        coulomb = one['coulomb'] or body['coulomb']
-        friction = math.sqrt(one['friction'] * body['friction'])
-        if one['coulomb'] != body['coulomb']:
-            friction = one['friction'] if one['coulomb'] else body['friction']
-        put_friction(row, coulomb, friction)
-        row['elasticity'] = math.sqrt(one['elasticity'] * body['elasticity'])
-        return minus(column_of(v[one['now']], column), face_velocity)
-    point_set = sets[owner - len(members)]
-    row['one'], row['two'], row['of_face'] = other, -1, True
-    row['softness'] = 1.0
-    row['column'], row['obstacle'] = -1, point_set['obstacle']
-    row['key'] = key_of(OF_POINTS, owner - len(members), body['id'], contact['particles'][0])
-    put_vector(row['normal'], scaled(-1.0, normal))
+        put_body_row(row, contact, one, body, x, flown)
+        return minus(column_of(v[one['now']], column), velocity)
+    velocity = put_face(row, 0, contact, body, x, v, flown)
+    number = owner - len(members)
+    row['one'], row['two'], row['obstacle'], row['of_face'] = (
+        other, -1, sets[number]['obstacle'], True,
+    )  # fmt: skip
+    row['key'] = key_of(OF_POINTS, number, body['id'], contact['particles'][0])
+    row['column'], row['softness'] = -1, 1.0
     row['gap'] = members[other]['margin'] - contact['depth']
-    arm = minus(point, vector_of(point_set['centre']))
+    put_point_row(row, contact, sets[number], body, h)
+    return minus(velocity, vector_of(row['other_velocity']))
+
+
+@helper
+def put_face(
+    row: np.void,
+    side: int,
+    contact: np.void,
+    body: np.void,
+    x: np.ndarray,
+    v: np.ndarray,
+    flown: np.ndarray,
+) -> Vector:
+    """Write the side of a contact that is a face of a body; return its velocity, m/s."""
+    start, velocities, velocity = x[1 - body['now']], v[body['now']], ZERO
+    for corner in range(1, 4):
+        column, share = contact['particles'][corner], -contact['coefficients'][corner]
+        velocity = along(velocity, share, column_of(velocities, column))
+        at = column_of(start, column)
+        add_side(row, side, corner, share, column, at, body, x, flown)
+    put_vector(row['point'], vector_of(contact['point']))
+    return velocity
+
+
+@helper
+def put_body_row(
+    row: np.void,
+    contact: np.void,
+    one: np.void,
+    two: np.void,
+    x: np.ndarray,
+    flown: np.ndarray,
+) -> None:
+    """Write the side of a particle of another body, and the laws of both materials."""
+    normal = vector_of(contact['normal'])
+    put_vector(row['normal'], normal)
+    put_vector(row['other_velocity'], ZERO)
+    point = vector_of(contact['point'])
+    add_side(row, 0, 0, 1.0, contact['particles'][0], point, one, x, flown)
+    offset = minus(vector_of(row['offsets'][0]), vector_of(row['offsets'][1]))
+    row['gap'] += dot(normal, offset)
+    coulomb = one['coulomb'] or two['coulomb']
+    friction = math.sqrt(one['friction'] * two['friction'])
+    if one['coulomb'] != two['coulomb']:
+        friction = one['friction'] if one['coulomb'] else two['friction']
+    put_friction(row, coulomb, friction)
+    row['elasticity'] = math.sqrt(one['elasticity'] * two['elasticity'])
+
+
+@helper
+def put_point_row(
+    row: np.void, contact: np.void, point_set: np.void, body: np.void, h: float
+) -> None:
+    """Write the side of a point that touches a face, and its motion."""
+    normal = vector_of(contact['normal'])
+    put_vector(row['normal'], scaled(-1.0, normal))
+    arm = minus(vector_of(contact['point']), vector_of(point_set['centre']))
     velocity = plus(vector_of(point_set['linear']), cross(vector_of(point_set['angular']), arm))
     belt = along_surface(vector_of(point_set['surface_velocity']), normal)
     velocity = plus(velocity, belt)
@@ -570,4 +610,3 @@ def put_face_row(
     put_vector(row['other_motion'], scaled(h, velocity))
     put_vector(row['other_velocity'], velocity)
     put_laws(row, body, point_set['friction'], point_set['elasticity'])
-    return minus(face_velocity, velocity)
