@@ -18,7 +18,6 @@ from softbody_ros.core.collision.obstacles import (
     in_frame,
     in_frame_before,
     to_world,
-    velocity_at,
 )
 from softbody_ros.core.collision.shapes import PLANE
 from softbody_ros.core.collision.swept_contact import first_touch
@@ -58,7 +57,6 @@ CONTACT = np.dtype(
         ('point', np.float64, (3,)),  # position of the particle, m
         ('normal', np.float64, (3,)),  # outward normal of the obstacle
         ('depth', np.float64),  # with the thickness of the body, m
-        ('surface_velocity', np.float64, (3,)),  # of the obstacle at the particle, m/s
         ('swept', np.bool_),  # whether found by continuous collision detection
     ],
     align=True,
@@ -158,7 +156,6 @@ def find_contacts(
 def _put(
     contacts: np.ndarray,
     found: int,
-    obstacle: np.void,
     particle: int,
     point: Vector,
     normal: Vector,
@@ -171,7 +168,6 @@ def _put(
         put_vector(contact['point'], point)
         put_vector(contact['normal'], normal)
         contact['depth'] = depth
-        put_vector(contact['surface_velocity'], velocity_at(obstacle, point))
         contact['swept'] = swept
     return found + 1
 
@@ -205,7 +201,7 @@ def _below_plane(
             if depth > 0.0:
                 point = (x0[i], x1[i], x2[i])
                 particle = begin - first + i
-                found = _put(contacts, found, obstacle, particle, point, normal, depth, False)
+                found = _put(contacts, found, particle, point, normal, depth, False)
     return found
 
 
@@ -265,7 +261,7 @@ def _near_shape(
             if depth > 0.0:
                 outwards = to_world(obstacle, normal)
                 particle = begin - first + i
-                found = _put(contacts, found, obstacle, particle, point, outwards, depth, swept)
+                found = _put(contacts, found, particle, point, outwards, depth, swept)
     return found
 
 
