@@ -10,7 +10,7 @@ inner ones (see shape_matching/solid.py) follow.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,7 @@ from softbody_ros.core.body import BODY, identities
 from softbody_ros.core.config import BodyConfig
 from softbody_ros.core.contact.exchange import rearranged
 from softbody_ros.core.contact.rows import NO_MEMORY
+from softbody_ros.core.contact_forces import ObstacleKey
 from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.shape_matching.material import Material
 from softbody_ros.core.shape_matching.pins import Pins
@@ -122,7 +123,7 @@ class ObstacleTotals:
 
     """
 
-    keys: tuple[Hashable, ...]
+    keys: tuple[ObstacleKey, ...]
     since: np.ndarray
     total: np.ndarray
 
@@ -284,7 +285,7 @@ class State:
         self.since = np.zeros(len(bodies), np.int64)
         self.normal_impulse = np.zeros((2, first))
         self.obstacle_impulse = np.zeros((len(bodies), 2, 0, 2, 3))
-        self.obstacle_keys: tuple[Hashable, ...] = ()
+        self.obstacle_keys: tuple[ObstacleKey, ...] = ()
         self.obstacle_since, self.obstacle_total = np.zeros(0, np.int64), np.zeros((0, 2, 3))
         self.use_shapes(bodies)
 
@@ -326,7 +327,7 @@ class State:
         self.q[:, : table.q.shape[1]] = table.q
 
     # -------------------------------------------------------------------------------- obstacles
-    def use_obstacles(self, keys: tuple[Hashable, ...], tick: int) -> None:
+    def use_obstacles(self, keys: tuple[ObstacleKey, ...], tick: int) -> None:
         """Use other obstacles, see `ObstacleTotals`; new ones are summed up from a tick on."""
         if keys == self.obstacle_keys:
             return

@@ -285,7 +285,8 @@ class World:
         cloud: PointObstacles,
         surfaces: CollisionSurfaces,
     ) -> Environment:
-        records, trees = self._obstacle_table.refresh(present, self.obstacle_keys[:-1])
+        keys = self._state.obstacle_keys[:-1]  # the last one is that of points
+        records, trees = self._obstacle_table.refresh(present, keys)
         points, sets = self._fixed_points.refresh(cloud, present, records)
         return Environment(gravity, present, records, trees, cloud, points, sets, surfaces)
 
