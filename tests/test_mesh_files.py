@@ -150,6 +150,12 @@ def test_the_centre_of_mass_of_an_open_mesh_is_that_of_its_area(tmp_path):
     assert surface.vertices.min(axis=0) == pytest.approx([-1.0, -1.0, 0.0])
 
 
+def test_the_centre_of_mass_of_a_line_is_that_of_its_vertices(tmp_path):
+    path = saved(tmp_path, [(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2)])
+    surface = natural(path, 'centre_of_mass')
+    assert surface.vertices[:, 0] == pytest.approx([-1.0, 0.0, 1.0])
+
+
 @pytest.mark.parametrize('extension', FILE_TYPES)
 def test_a_cone_stands_whatever_file_it_is_in(tmp_path, extension):
     cone = trimesh.creation.cone(0.5, 2.0)
@@ -644,6 +650,94 @@ def test_a_file_of_another_format_is_refused_with_its_right_name(tmp_path, held,
     trimesh.creation.icosphere(1).export(path, file_type=held)
     sentence = f'is not {named.upper()}, but {held.upper()}: rename it to ball.{held}'
     assert refusal(path) == sentence
+
+
+TETRAHEDRON = ['0 0 0', '1 0 0', '0 1 0', '0 0 1']
+FACES = ['3 0 2 1', '3 0 1 3', '3 1 2 3', '3 0 3 2']
+TEXTS = {
+    'ply': [
+        'ply', 'format ascii 1.0', 'element vertex 4', 'property float x', 'property float y',
+        'property float z', 'element face 4', 'property list uchar int vertex_indices',
+        'end_header', *TETRAHEDRON, *FACES,
+    ],
+    'off': ['OFF', '# a comment', '4 4 0', *TETRAHEDRON, '', *FACES],
+    'obj': [*(f'v {each}' for each in TETRAHEDRON), 'f 1 3 2', 'f 1 2 4', 'f 2 3 4', 'f 1 4 3'],
+    'stl': trimesh.creation.box().export(file_type='stl_ascii').splitlines(),
+}  # fmt: skip
+"""Lines of closed meshes."""
+
+
+def written(path, text):
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@pytest.mark.parametrize('extension', ['ply', 'off'])
+@pytest.mark.parametrize(('missing', 'left'), [(2, 2), (6, 0)])
+def test_a_text_that_is_cut_off_is_refused_with_what_is_left_of_it(
+    tmp_path, extension, missing, left
+):
+    lines = TEXTS[extension]
+    path = written(tmp_path / f'part.{extension}', '\n'.join(lines) + '\n\n')
+    assert make_surface(str(path), 0.5, 0).closed
+    sentence = f'is cut off, with {left} of 4 faces: export or copy it again'
+    assert refusal(written(path, '\n'.join(lines[:-missing]))) == sentence
+    if left:  # also in the middle of a line
+        assert refusal(written(path, '\n'.join([*lines[:-missing], '3 1 2']))) == sentence
+
+
+def test_numbers_before_the_corners_of_a_face_are_not_taken_for_them(tmp_path):
+    text = '\n'.join(TEXTS['ply']).replace('property list', 'property int id\nproperty list')
+    for face in FACES:
+        text = text.replace(face, f'99 {face}')
+    path = written(tmp_path / 'part.ply', text)
+    assert make_surface(str(path), 0.5, 0).closed
+
+
+def test_more_faces_than_there_can_be_are_refused(tmp_path):
+    text = '\n'.join(TEXTS['off']).replace('4 4 0', '4 10000000000 0')
+    assert refusal(written(tmp_path / 'part.off', text)).startswith('is cut off, with 4 of 10000')
+
+
+@pytest.mark.parametrize('also', ['', '\nendsolid\nsolid'])
+def test_a_text_stl_that_is_cut_off_is_refused(tmp_path, also):
+    lines = TEXTS['stl']
+    text = '\n'.join([*lines[:22], *also.split('\n'), *lines[22:30]])
+    path = written(tmp_path / 'part.stl', text)
+    assert refusal(path) == 'is cut off, without its endsolid: export or copy it again'
+
+
+def test_a_text_stl_in_capitals_and_one_with_a_long_name_are_read(tmp_path):
+    text = '\n'.join(TEXTS['stl'])
+    for changed in (text.upper(), text.replace('solid ', f'solid {"x" * 70_000} ', 1)):
+        path = written(tmp_path / 'part.stl', changed)
+        assert make_surface(str(path), 0.5, 0).closed
+
+
+@pytest.mark.parametrize('extension', TEXTS)
+def test_a_byte_order_mark_is_not_a_part_of_the_first_line(tmp_path, extension):
+    text = '\n'.join(TEXTS[extension])
+    plain, marked = (
+        make_surface(str(written(tmp_path / f'{name}.{extension}', mark + text.encode())), 0.5, 0)
+        for name, mark in (('plain', b''), ('marked', b'\xef\xbb\xbf'))
+    )
+    np.testing.assert_array_equal(marked.vertices, plain.vertices)
+    np.testing.assert_array_equal(marked.faces, plain.faces)
+
+
+@pytest.mark.parametrize(
+    ('extension', 'text'),
+    [
+        ('glb', b'{"a":' + b'[' * 100_000 + b']' * 100_000 + b'}'),
+        ('dae', b'<COLLADA>' + b'<a>' * 20_000 + b'</a>' * 20_000 + b'</COLLADA>'),
+    ],
+)
+def test_what_is_nested_without_end_is_refused(tmp_path, extension, text):
+    if extension == 'glb':
+        size = GLB_HEADER.size + CHUNK_HEADER.size + len(text)
+        text = GLB_HEADER.pack(b'glTF', 2, size) + CHUNK_HEADER.pack(len(text), b'JSON') + text
+    path = written(tmp_path / f'part.{extension}', text)
+    assert refusal(path) == 'is nested too deeply: export it again'
 
 
 def test_a_text_stl_and_a_binary_one_that_begins_like_one_are_read(tmp_path):

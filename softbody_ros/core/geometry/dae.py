@@ -45,7 +45,10 @@ def for_trimesh(content: bytes) -> tuple[bytes, float, str]:
         for element in list(parent):
             if _name(element) in NOT_NEEDED:
                 parent.remove(element)
-    return ElementTree.tostring(root), unit, up
+    try:
+        return ElementTree.tostring(root), unit, up
+    except RecursionError:
+        raise ValueError('is nested too deeply: export it again') from None
 
 
 def _name(element: ElementTree.Element) -> str:

@@ -55,9 +55,11 @@ def for_trimesh(content: bytes) -> tuple[bytes, list[str]]:
         what it is, and what to do, as the end of a sentence
 
     """
-    document, rest = _parts(content)
     try:
+        document, rest = _parts(content)
         return _reduced(document, rest)
+    except RecursionError:
+        raise ValueError('is nested too deeply: export it again') from None
     except (AttributeError, IndexError, KeyError, TypeError):
         raise ValueError('cannot be read as GLB (its JSON is damaged): export it again') from None
 

@@ -162,6 +162,8 @@ def centre_of_mass(surface: Surface) -> np.ndarray:
     a, b, c = surface.vertices[surface.faces.T]
     middle = a.mean(axis=0)  # about which little is lost to rounding
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    if not areas.any():  # as a line has none
+        return surface.vertices.mean(axis=0)
     return middle + areas @ ((a + b + c) / 3.0 - middle) / areas.sum()
 
 

@@ -34,6 +34,8 @@ LONGEST_REASON = 160
 """Characters of what a parser says that are shown."""
 LIBRARIES = ('trimesh', 'collada', 'PIL')
 """Loggers of the libraries that read files."""
+BYTE_ORDER_MARK = b'\xef\xbb\xbf'
+"""Of UTF-8, which some editors write, and no reader expects."""
 
 FOREIGN = (
     (b'version https://git-lfs', 'is a Git LFS pointer, not the mesh: fetch it with git lfs pull'),
@@ -118,6 +120,8 @@ def read_mesh_file(path: str, primitives: Sequence[str]) -> MeshFile:
             f'nor a file that ends in .{", .".join(FILE_TYPES)}'
         )
     content = _content(path)
+    if not _is_binary_stl(content[:HEAD], len(content)):
+        content = content.removeprefix(BYTE_ORDER_MARK)
     head = content[:HEAD]
     _require_format(path, ending, head, len(content))
     unit, up = 1.0, 'z'
@@ -139,6 +143,7 @@ def read_mesh_file(path: str, primitives: Sequence[str]) -> MeshFile:
                 )
         elif ending == 'dae':
             content, unit, up = dae.for_trimesh(content)
+        _require_whole(ending, content)
     except ValueError as error:
         raise MeshError(f'mesh file {path} {error}') from None
     if ending == 'dae' and importlib.util.find_spec('collada') is None:
@@ -218,12 +223,12 @@ def _silence() -> Iterator[None]:
 # ------------------------------------------------------------------------------------- the formats
 def _require_format(path: str, ending: str, head: bytes, size: int) -> None:
     """Raise MeshError if a file is recognised as something else than its ending says."""
-    text = head.removeprefix(b'\xef\xbb\xbf').lstrip()
+    text = head.lstrip()
     # the 80 bytes before a binary STL may be anything
     if ending == 'stl' and _is_binary_stl(head, size):
         return
     for begin, what in FOREIGN:
-        if text.startswith(begin) or head.startswith(begin):
+        if text.startswith(begin):
             raise MeshError(f'mesh file {path} {what}')
     if re.match(rb'<(!doctype\s+html|html|head|body)\b', text, re.IGNORECASE):
         raise MeshError(
@@ -260,6 +265,46 @@ def _without_surplus(content: bytes) -> tuple[bytes, int]:
     return content[:size], len(content) - size
 
 
+def _require_whole(ending: str, content: bytes) -> None:
+    """Raise ValueError if a text ends before its last triangle, which trimesh does not say."""
+    if ending == 'stl' and _is_text_stl(content[:HEAD].lstrip()):
+        end = max(content.lower().rfind(b'endsolid'), 0)
+        if re.search(rb'^\s*vertex\s', content[end:], re.IGNORECASE | re.MULTILINE):
+            raise ValueError('is cut off, without its endsolid: export or copy it again')
+    elif ending == 'ply':
+        header, _, body = content.partition(b'end_header')
+        elements = rb'^element\s+(\S+)\s+(\d+)(\s+property\s+list\b)?'
+        before = 0
+        if re.search(rb'^format\s+ascii\b', header, re.MULTILINE):
+            for name, count, has_corners in re.findall(elements, header, re.MULTILINE):
+                if name == b'face':
+                    rows = body.rstrip().splitlines()[1 + before :]
+                    _require_faces(rows, int(count), bool(has_corners))
+                before += int(count)
+    elif ending == 'off':
+        lines = [line.partition(b'#')[0].strip() for line in content.splitlines()]
+        after = b'\n'.join(filter(None, lines)).partition(b'OFF')[2].strip()
+        if counts := re.match(rb'(\d+)[ \t]+(\d+)', after):
+            rows = after.splitlines()[1 + int(counts[1]) :]
+            _require_faces(rows, int(counts[2]), True)
+
+
+def _require_faces(rows: Sequence[bytes], count: int, have_corners: bool) -> None:
+    """Raise ValueError if rows of faces are missing; they may begin with numbers of corners."""
+    present = min(len(rows), count)
+    if present and have_corners:
+        last = rows[present - 1].split()
+        present -= not last or (last[0].isdigit() and len(last) <= int(last[0]))
+    if present < count:
+        raise ValueError(f'is cut off, with {present} of {count} faces: export or copy it again')
+
+
+def _is_text_stl(text: bytes) -> bool:
+    """Return whether this begins a text; a binary STL has zeros, in its number of triangles."""
+    is_solid = re.match(rb'solid\b', text, re.IGNORECASE) is not None
+    return is_solid and b'\0' not in text.rstrip(b'\0')
+
+
 def _format_of(text: bytes, size: int) -> str:
     """Return the ending that fits what a file begins with, another format's name, or ''."""
     if text.startswith(b'glTF'):
@@ -268,7 +313,7 @@ def _format_of(text: bytes, size: int) -> str:
         return 'ply'
     if re.match(rb'(ST)?C?N?4?n?OFF\s', text):
         return 'off'
-    if re.match(rb'solid\b', text) and re.search(rb'\b(facet|endsolid)\b', text):
+    if _is_text_stl(text):
         return 'stl'
     if text.startswith(b'<'):
         if re.search(rb'<([\w.-]+:)?COLLADA\b', text):
