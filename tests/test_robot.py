@@ -301,6 +301,19 @@ def pair(*joints, links='ab'):
             pair(joint(more='<mimic joint="k" offset="1e9"/>'), joint('k', 'b', 'c'), links='abc'),
             r'joint j mimics k by a number beyond 1e\+06',
         ),
+        (
+            pair(joint(more='<mimic joint="k" offset="nan"/>'), joint('k', 'b', 'c'), links='abc'),
+            r'joint j mimics k by a number beyond 1e\+06',
+        ),
+        (
+            pair(
+                joint(more='<mimic joint="k" multiplier="1e4"/>'),
+                joint('k', 'b', 'c', more='<mimic joint="l" multiplier="1e4"/>'),
+                joint('l', 'c', 'd'), links='abcd',
+            ),
+            r'joint k mimics l by a number beyond 1e\+06',
+        ),
+        (f'<robot>{"<a>" * 3000}{"</a>" * 3000}</robot>', 'it is nested too deeply: run check'),
     ],
 )  # fmt: skip
 def test_what_is_no_urdf_is_one_sentence(urdf, sentence):
@@ -316,6 +329,8 @@ def test_what_is_no_urdf_is_one_sentence(urdf, sentence):
         (mesh_link('package://nowhere/part.stl'), "package 'nowhere' is not installed"),
         (mesh_link('part.step'), 'nor a file that ends in .stl, .obj, .ply, .off, .glb, .dae'),
         (mesh_link('/part.stl', '1 0 1'), 'its mesh is .* with the scale'),
+        (mesh_link('/part.stl', '2 1'), r'with the scale \[2.0, 1.0\]: .* one number or three'),
+        (mesh_link('/part.stl', '1 1 1 1'), r'with the scale \[1.0, 1.0, 1.0, 1.0\]'),
         (one_link(BALL.replace('0.1', '-1')), r'part\.size is .*: each element must be from'),
         (one_link(BALL.replace('0.1', 'nan')), r'part\.size is'),
         (

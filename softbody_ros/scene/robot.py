@@ -358,9 +358,11 @@ def _model(text: str) -> Any:
     root.attrib.setdefault('name', 'robot')
     for element in root.findall('gazebo') + root.findall('transmission'):
         root.remove(element)
-    stream = io.BytesIO(ElementTree.tostring(root))
     try:
+        stream = io.BytesIO(ElementTree.tostring(root))
         model = yourdfpy.URDF.load(stream, build_scene_graph=False, load_meshes=False)
+    except RecursionError:
+        raise RobotError('it is nested too deeply: run check_urdf on it') from None
     except Exception as error:  # it raises all kinds of exceptions
         reason = f'{type(error).__name__}: {" ".join(str(error).split())}'
         raise RobotError(f'it cannot be read as URDF ({reason}): run check_urdf on it') from None
@@ -474,11 +476,11 @@ def _driven(
                     f'joint {name} mimics {mimic.joint}, not there: it has its own state'
                 )
                 break
-            if not max(abs(factor), abs(shift)) <= LARGEST:
+            offset, multiplier = offset + multiplier * shift, multiplier * factor
+            if not (abs(offset) <= LARGEST and abs(multiplier) <= LARGEST):
                 raise RobotError(
                     f'joint {name} mimics {mimic.joint} by a number beyond {LARGEST:g}'
                 )
-            offset, multiplier = offset + multiplier * shift, multiplier * factor
             name = mimic.joint
             seen.add(name)
         if KINDS.get(every[name].type, FIXED) == FIXED:
@@ -535,11 +537,15 @@ def _shapes_of(
 
 def _surface_of(mesh: Any, what: str, problems: list[str]) -> tuple[Surface, np.ndarray]:
     """Return the closed surface of a mesh about the middle of its box, and where that is, m."""
-    scale = np.ones(3) if mesh.scale is None else np.array(mesh.scale, dtype=float) * np.ones(3)
-    if not mesh.filename or not (np.isfinite(scale).all() and scale.all()):
-        raise RobotError(f'its mesh is {mesh.filename!r} with the scale {scale.tolist()}')
+    scale = np.array(1.0 if mesh.scale is None else mesh.scale, dtype=float)
+    fits = scale.shape in ((), (1,), (3,)) and np.isfinite(scale).all() and scale.all()
+    if not mesh.filename or not fits:
+        raise RobotError(
+            f'its mesh is {mesh.filename!r} with the scale {scale.tolist()}: give a file, and one '
+            'number or three, none of them 0'
+        )
     path = mesh_path(mesh.filename)
-    surface = read_surface(path, scale.tolist())
+    surface = read_surface(path, np.broadcast_to(scale, 3).tolist())
     problems.extend(f'{what}: {note}' for note in surface.notes)
     if not surface.closed:
         defects, _ = surface.openness
