@@ -15,8 +15,9 @@ import trimesh
 from softbody_ros.core import make_surface
 from softbody_ros.ros import messages
 from softbody_ros.scene import parameters
+from softbody_ros.scene.resources import ResourceError
 from softbody_ros.scene.scene_file import scene_of
-from softbody_ros.viewer import decoding, glb, scene_requests, server, widgets
+from softbody_ros.viewer import decoding, glb, mesh_drop, scene_requests, server, widgets
 
 pytestmark = pytest.mark.oldest
 
@@ -367,3 +368,14 @@ def test_only_the_page_of_the_server_is_its_own(origin, host, is_own, is_own_els
     headers = {'Host': host} | ({} if origin is None else {'Origin': origin})
     assert server.is_own_page(headers, is_local=True) == is_own
     assert server.is_own_page(headers, is_local=False) == is_own_elsewhere
+
+
+def test_a_file_that_is_refused_takes_no_room(monkeypatch):
+    monkeypatch.setattr(mesh_drop, 'MOST_BYTES', 10)
+    dropped = mesh_drop.DroppedMeshes()
+    try:
+        with pytest.raises(ResourceError, match='the files that were dropped have more than'):
+            dropped.keep('large.stl', bytes(11))
+        assert dropped.keep('small.stl', bytes(10)).read_bytes() == bytes(10)
+    finally:
+        dropped.close()

@@ -37,13 +37,13 @@ class DroppedMeshes:
             if there are too many.
 
         """
-        self._bytes += len(content)
-        if self._bytes > MOST_BYTES:
+        if self._bytes + len(content) > MOST_BYTES:
             raise ResourceError(
                 Problem.CONTENT,
                 f'the files that were dropped have more than {MOST_BYTES / 1e9:g} GB: start the '
                 'viewer anew, or set mesh to the path of a file',
             )
+        self._bytes += len(content)
         self._count += 1
         stem, ending = os.path.splitext(os.path.basename(name.replace('\\', '/')))
         folder = self.folder / str(self._count)
