@@ -21,11 +21,12 @@ import zarr
 from softbody_ros.core import ConfigError
 from softbody_ros.ensemble import sweep as command
 from softbody_ros.ensemble.encoding import encoded
+from softbody_ros.ensemble.mesh_transfer import read_meshes
 from softbody_ros.ensemble.outcomes import names_of, outcomes
-from softbody_ros.ensemble.plot import draw_plot
+from softbody_ros.ensemble.plot import _texts, draw_plot
 from softbody_ros.ensemble.running import BodyRecord, Recording, record, run
 from softbody_ros.ensemble.spec import read_spec
-from softbody_ros.ensemble.store import Store, attributes_of
+from softbody_ros.ensemble.store import Store, attributes_of, stored
 
 pytestmark = pytest.mark.usefixtures('compiled_ahead')
 ROOT = pathlib.Path(__file__).parent.parent
@@ -628,3 +629,90 @@ def test_the_command_draws_what_the_spec_asks_for(run_main, tmp_path, scheduler)
 def test_an_encoded_run_has_the_same_bytes_each_time():
     made = record(run({'ball.subdivisions': 0}, {}, 0.1, 20.0))
     assert encoded(made, {'run': 1}) == encoded(made, {'run': 1}) != encoded(made, {'run': 2})
+
+
+# ----------------------------------------------------------------- what others do, and have done
+def test_two_sweeps_of_one_mesh_on_one_cluster_leave_each_other_alone(tmp_path, scheduler):
+    from softbody_ros.ensemble.cluster import cluster
+    from softbody_ros.ensemble.dispatch import completed
+
+    write(tmp_path, f'scene: scene.yaml\nseconds: 0\nvary: {{sheet.mass: {list(range(1, 9))}}}')
+    spec = read_spec(str(tmp_path / 'spec.yaml'))
+    values = [('sheet.mesh', str(tmp_path / 'sheet.obj'))]
+    spec.scene.update(values)
+
+    def begun_on(client):
+        meshes = read_meshes(values)
+        orders = command._orders(spec, meshes, list(range(len(spec))))
+        return completed(client, orders, meshes, lambda: None)
+
+    with cluster(scheduler) as one, cluster(scheduler) as other:
+        longer, shorter = begun_on(one), begun_on(other)
+        made = [next(longer)]
+        for half in (shorter, longer):
+            made += half
+    assert len(made) == 2 * len(spec)
+    assert {attributes_of(files)['error'] for _, files in made} == {''}
+
+
+@pytest.mark.parametrize('damage', [b'', b'{', b'{}', b'{"attributes": {"run": 1}}', None])
+def test_a_damaged_run_is_made_again(tmp_path, damage):
+    files = encoded(None, row(None) | {'run': 1, 'status': 'failed', 'error': ''})
+    with Store(tmp_path / 'store', {'vary': []}, []) as store:
+        store.add(0, files)
+        store.add(1, files)
+    path = tmp_path / 'store' / 'runs.zarr' / '000001' / 'zarr.json'
+    path.unlink() if damage is None else path.write_bytes(damage)
+    assert list(stored(tmp_path / 'store')) == [0]
+    with Store(tmp_path / 'store', {'vary': []}, []) as store:
+        store.add(1, files)
+    assert list(stored(tmp_path / 'store')) == [0, 1]
+
+
+def test_values_that_differ_little_are_cells_of_their_own(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / 'plot.png'
+    write(
+        tmp_path,
+        'vary:\n  ball.mass: [1, 2]\n  ball.young_modulus: {from: 100000, to: 100020, steps: 3}\n',
+    )
+    spec = read_spec('spec.yaml')
+    runs = [spec.values(number) for number in range(len(spec))]
+    rows = [
+        {'parameters': values, 'outcomes': {'ball.largest_dent': 0.1 * number}}
+        for number, values in enumerate(runs)
+    ]
+    draw_plot(rows, 'ball.largest_dent', spec, path)
+    assert len(colors_of(path)) == len(rows) == 6
+    assert os.listdir(tmp_path).count('plot.png') == 1
+    assert _texts([1e5, 100010.0, 100020.0]) == ['1e+05', '1.0001e+05', '1.0002e+05']
+    assert _texts([(0.1, 1.0), (0.12345, 1.0)]) == ['0.1, 1', '0.1235, 1']
+
+
+def test_a_picture_is_there_whole_or_not_at_all(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, 'vary: {ball.mass: [1, 2]}')
+    path = tmp_path / 'plot.png'
+    path.write_bytes(b'older')
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        with pytest.raises(OSError, match='File too large'):
+            draw_plot(
+                [row(0.1, ball__mass=1.0)], 'ball.largest_dent', read_spec('spec.yaml'), path
+            )
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == b'older'
+
+
+def test_as_many_steps_as_no_sweep_can_have_are_refused(tmp_path):
+    write(tmp_path, 'vary: {ball.mass: {from: 1, to: 2, steps: 99999999999}}')
+    with pytest.raises(ConfigError, match=r'has 99999999999 steps: .* from 2 to 10,000,000'):
+        read_spec(str(tmp_path / 'spec.yaml'))
+
+
+def test_vectors_are_different_or_refused(tmp_path):
+    write(tmp_path, 'vary: {ball.position: [[0, 0, 1], [0, 0, 2], [0.0, 0, 1]]}')
+    with pytest.raises(ConfigError, match=r'has the value \[0.0, 0.0, 1.0\] twice'):
+        read_spec(str(tmp_path / 'spec.yaml'))

@@ -8,6 +8,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import CancelledError, Future
+from contextlib import suppress
 import itertools
 import queue
 import time
@@ -72,7 +73,8 @@ def completed(
         if client.status == 'running':
             flight.cancel()
             if meshes.contents:
-                client.unregister_worker_plugin(meshes.key)
+                with suppress(Exception):  # the scheduler may go now; what was made counts
+                    client.unregister_worker_plugin(meshes.key)
 
 
 def threads(client: distributed.Client) -> int:

@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 import shutil
 from typing import Any
+import uuid
 
 from distributed import Worker, get_worker
 from distributed.diagnostics.plugin import WorkerPlugin
@@ -33,17 +34,14 @@ class Meshes:
         a file name, which has the digest of the content, for each value
     contents : dict of str to bytes
         by file name
+    key : str
+        a name of these files, and of nobody else's: who ends first leaves those of others alone
 
     """
 
     names: dict[str, str] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)
-
-    @property
-    def key(self) -> str:
-        """A name of these files, the same for the same ones."""
-        digest = hashlib.sha256('\n'.join(sorted(self.contents)).encode())
-        return f'softbody_ros-meshes-{digest.hexdigest()[:16]}'
+    key: str = field(default_factory=lambda: f'softbody_ros-meshes-{uuid.uuid4().hex}')
 
 
 def read_meshes(values: Iterable[tuple[str, Any]]) -> Meshes:

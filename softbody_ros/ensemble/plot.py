@@ -17,11 +17,14 @@ import matplotlib.pyplot as plt
 from softbody_ros.core.config import ConfigError, unknown_name
 from softbody_ros.ensemble.outcomes import names_of
 from softbody_ros.ensemble.spec import Spec
-from softbody_ros.ensemble.variation import Draw, Grid
+from softbody_ros.ensemble.variation import Draw, Grid, as_key
 from softbody_ros.scene.parameters import scene_lists, table
+from softbody_ros.whole_file import whole_file
 
 MOST_TICKS = 12
 """With a text, on an axis."""
+LEAST_DIGITS, MOST_DIGITS = 4, 17
+"""Of such a text; the most tell any two numbers apart."""
 UNITS = {'largest_dent': 'm', 'highest_rebound': 'm', 'time_of_rest': 's',
          'last_x': 'm', 'last_y': 'm', 'last_z': 'm'}  # fmt: skip
 
@@ -99,7 +102,8 @@ def draw_plot(rows: Iterable[Mapping[str, Any]], outcome: str, spec: Spec, path:
         else:
             colors = panel.scatter(x.of_rows, y.of_rows, c=values)
         figure.colorbar(colors, label=label)
-    figure.savefig(path, dpi=120, format='png')
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, dpi=120, format='png')
     plt.close(figure)
 
 
@@ -132,11 +136,11 @@ class _Axis:
             return
         if is_number:
             listed.sort()
-        known = {_text(value): place for place, value in enumerate(listed)}
+        known = {as_key(value): place for place, value in enumerate(listed)}
         for value in given:  # drawn vectors
-            known.setdefault(_text(value), len(known))
-        self._texts = list(known)
-        self.of_rows = np.array([known[_text(value)] for value in given], dtype=float)
+            known.setdefault(as_key(value), len(known))
+        self._texts = _texts(known)
+        self.of_rows = np.array([known[as_key(value)] for value in given], dtype=float)
         self.ticks = np.arange(len(known), dtype=float)
 
     def label(self, panel: Any, which: str) -> None:
@@ -148,10 +152,19 @@ class _Axis:
             getattr(panel, f'set_{which}scale')('log')
 
 
-def _text(value: Any) -> str:
-    if isinstance(value, list):
-        return ', '.join(map(_text, value))
-    return f'{value:.4g}' if isinstance(value, float) else str(value)
+def _texts(values: Iterable[Any]) -> list[str]:
+    """Return labels of different values, with as few digits as tell them apart."""
+    for digits in range(LEAST_DIGITS, MOST_DIGITS + 1):
+        texts = [_text(value, digits) for value in values]
+        if len(set(texts)) == len(texts):
+            break
+    return texts
+
+
+def _text(value: Any, digits: int) -> str:
+    if isinstance(value, tuple):
+        return ', '.join(_text(each, digits) for each in value)
+    return f'{value:.{digits}g}' if isinstance(value, float) else str(value)
 
 
 def _words(outcome: str) -> str:

@@ -24,12 +24,11 @@ from softbody_ros.core.config import (
 )
 from softbody_ros.ensemble import variation
 from softbody_ros.ensemble.film import require_rate
-from softbody_ros.ensemble.variation import Draw, Grid
+from softbody_ros.ensemble.variation import MOST_RUNS, Draw, Grid
 from softbody_ros.scene import parameters
 from softbody_ros.scene.scene_file import composed, line_of, read_scene, scalar
 
 ENTRIES = ('scene', 'seconds', 'fps', 'seed', 'count', 'vary', 'plot')
-MOST_RUNS = 10_000_000
 LARGEST_SEED = 2**32 - 1
 WITHOUT_EFFECT = frozenset(dotted for _, dotted, _ in settings(parameters.NodeConfig))
 """Parameters of the node, which a run does not have."""

@@ -26,6 +26,8 @@ from softbody_ros.core.config import ConfigError
 FORMAT = 'softbody_ros sweep, version 1'
 RUNS, INDEX, UNFINISHED, LOCK = 'runs.zarr', 'index.csv', '.unfinished', '.lock'
 METADATA = 'zarr.json'
+ROW = {'run', 'status', 'error', 'parameters', 'outcomes'}
+"""Attributes that each run has."""
 
 
 class Store:
@@ -84,7 +86,7 @@ class Store:
         except OSError:
             shutil.rmtree(unfinished, ignore_errors=True)  # the room is needed for the index
             raise
-        if place.exists():  # a failed run that is done again
+        if place.exists():  # a failed or damaged run that is done again
             shutil.rmtree(place)
         os.rename(unfinished, place)
         self.rows[run] = attributes_of(files)
@@ -93,7 +95,7 @@ class Store:
         """Write `index.csv`, a line for each run that is there."""
         names = [name for name, _ in self._described['vary']]
         unfinished = self._path / UNFINISHED / INDEX
-        with unfinished.open('w', newline='') as file:
+        with unfinished.open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)
             writer.writerow(['run', 'status', 'error', *names, *self._outcomes])
             for run, row in sorted(self.rows.items()):
@@ -137,8 +139,13 @@ def attributes_of(files: Mapping[str, bytes]) -> dict[str, Any]:
 
 
 def stored(path: Path) -> dict[int, Mapping[str, Any]]:
-    """Return the attributes of the runs in a folder, by their numbers; nothing if it is none."""
-    return {run: _attributes(place) for run, place in sorted(_places(path))}
+    """
+    Return the attributes of the runs in a folder, by their numbers; nothing if it is none.
+
+    Damaged groups are missing: `Store.add` replaces them.
+    """
+    rows = {run: _row(place) for run, place in sorted(_places(path))}
+    return {run: row for run, row in rows.items() if row is not None}
 
 
 def _places(path: Path) -> Iterator[tuple[int, Path]]:
@@ -146,6 +153,15 @@ def _places(path: Path) -> Iterator[tuple[int, Path]]:
         for entry in os.scandir(path / RUNS):
             if entry.name.isdecimal():
                 yield int(entry.name), Path(entry.path)
+
+
+def _row(group: Path) -> Mapping[str, Any] | None:
+    """Return the attributes of a run, None if they are damaged, as by a machine that went off."""
+    try:
+        attributes = _attributes(group)
+        return attributes if attributes.keys() >= ROW else None
+    except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
+        return None
 
 
 def _attributes(group: Path) -> dict[str, Any]:

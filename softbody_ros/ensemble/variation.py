@@ -16,6 +16,8 @@ from softbody_ros.core.config import ConfigError, Setting, checked, shown
 from softbody_ros.scene.parameters import as_parameter, promoted, type_name
 
 DISTRIBUTIONS = ('uniform', 'log_uniform', 'normal', 'choice')
+MOST_RUNS = 10_000_000
+"""Of a sweep."""
 FORMS = f'a list of values, {{from, to, steps}}, or one of {", ".join(DISTRIBUTIONS)}'
 LEAST_SHARE = 1e-3
 """Of a normal distribution that must lie in the range of its parameter."""
@@ -100,7 +102,12 @@ class Draw:
         if self.distribution == 'normal':
             bounds = (self.facts.minimum, self.facts.maximum)  # type: ignore[assignment]
         drawn = np.clip(drawn, *bounds)  # rounding may lead out
-        return _plain(np.rint(drawn) if is_whole else drawn, self.facts)
+        return _from_array(np.rint(drawn) if is_whole else drawn, self.facts)
+
+
+def as_key(value: Any) -> Any:
+    """Return a value of a parameter as what a dict can have as a key."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def grid(name: str, values: Any, facts: Setting) -> Grid:
@@ -116,9 +123,11 @@ def grid(name: str, values: Any, facts: Setting) -> Grid:
     if not values:
         raise ConfigError(f'{name} has no values: give a list with at least one')
     made = tuple(_value(name, each, facts) for each in values)
-    for index, each in enumerate(made):
-        if each in made[:index]:
+    seen = set()
+    for each in made:
+        if as_key(each) in seen:
             raise ConfigError(f'{name} has the value {shown(each)} twice: once is enough')
+        seen.add(as_key(each))
     return Grid(name, made)
 
 
@@ -139,8 +148,10 @@ def spaced_grid(name: str, given: dict[str, Any], facts: Setting) -> Grid:
         if key not in ('from', 'to', 'steps', 'log'):
             raise ConfigError(f'{name} has {key}: a grid is {{from, to, steps}}, and log: true')
     steps, is_log = given['steps'], given.get('log', False)
-    if not isinstance(steps, int) or isinstance(steps, bool) or steps < 2:
-        raise ConfigError(f'{name} has {shown(steps)} steps: give a whole number from 2')
+    if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= MOST_RUNS:
+        raise ConfigError(
+            f'{name} has {shown(steps)} steps: give a whole number from 2 to {MOST_RUNS:,}'
+        )
     if not isinstance(is_log, bool):
         raise ConfigError(f'{name} has log: {shown(is_log)}: it must be true or false')
     first, last = _bounds(name, [given['from'], given['to']], facts)
@@ -152,7 +163,7 @@ def spaced_grid(name: str, given: dict[str, Any], facts: Setting) -> Grid:
         raise ConfigError(f'{name} must be whole numbers: choose steps that give such, or a list')
     if _is_whole(facts):
         values = np.rint(values)
-    made = [_plain(np.atleast_1d(each), facts) for each in values]
+    made = [_from_array(np.atleast_1d(each), facts) for each in values]
     return Grid(name, grid(name, made, facts).values, is_log)
 
 
@@ -245,7 +256,7 @@ def _is_whole(facts: Setting) -> bool:
     return isinstance(facts.default, int) and not isinstance(facts.default, bool)
 
 
-def _plain(array: np.ndarray, facts: Setting) -> Any:
+def _from_array(array: np.ndarray, facts: Setting) -> Any:
     """Return an array as the value of a parameter."""
     if facts.length is not None:
         return [float(each) for each in array]
