@@ -24,9 +24,9 @@ from softbody_ros.ensemble.cluster import cluster
 from softbody_ros.ensemble.fit_estimates import judge
 from softbody_ros.ensemble.fit_parameters import make_unknown, separate
 from softbody_ros.ensemble.fit_problem import Outcome, evaluate
-from softbody_ros.ensemble.fit_search import search
+from softbody_ros.ensemble.fit_search import Solution, _Runs, search
 from softbody_ros.ensemble.fit_targets import Choice, make_problem
-from softbody_ros.ensemble.observation import ANY_BODY, Observation
+from softbody_ros.ensemble.observation import ANY_BODY, Observation, ObservationError
 from softbody_ros.ensemble.observation_files import read_observation
 from softbody_ros.ensemble.running import record, run
 from softbody_ros.scene.parameters import make_scene
@@ -637,3 +637,148 @@ def test_faults_are_one_sentence_and_leave_nothing(
     out, err = capsys.readouterr()
     assert out == '' and err.startswith(f'fit: {sentence}') and err.count('\n') == 1
     assert sorted(path.name for path in files.iterdir()) == ['ball.yaml', 'film.npz']
+
+
+# --------------------------------------------------------------------- what is damaged, and lost
+FILM = {'bodies': ['ball'], 'ball.positions': np.ones((3, 5, 3)), 'ticks': [0, 5, 10],
+        'time_step': 1 / 240}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'ball.positions': np.ones((2, 5, 3))}, r'of ball of the shape \(2, 5, 3\): it must be'),
+        ({'ball.positions': np.ones((3, 5, 2))}, r'it must be \(3, n, 3\), the number of its'),
+        ({'ball.positions': np.ones(3)}, r'of the shape \(3,\): it must be'),
+        ({'ball.positions': ['a', 'b', 'c']}, 'is no film of bake, or damaged: bake it again'),
+        ({'time_step': 'x'}, 'is no film of bake, or damaged: bake it again'),
+        ({'bodies': ['egg']}, 'is no film of bake, or damaged: bake it again'),
+    ],
+)
+def test_a_film_of_other_arrays_is_refused(tmp_path, change, sentence):
+    np.savez(tmp_path / 'film.npz', **FILM | change)
+    with pytest.raises(ObservationError, match=sentence):
+        read_observation(tmp_path / 'film.npz', ['ball'])
+
+
+def test_a_damaged_film_is_refused(tmp_path):
+    path = tmp_path / 'film.npz'
+    np.savez_compressed(
+        path, **FILM | {'ball.positions': np.random.default_rng(1).random((3, 90, 3))}
+    )
+    whole = path.read_bytes()
+    begin = whole.find(b'ball.positions') + 400
+    for content in (
+        b'',
+        whole[: len(whole) // 2],
+        whole[:begin] + b'\xff' * 200 + whole[begin + 200 :],
+    ):
+        path.write_bytes(content)
+        with pytest.raises(ObservationError, match='is no film of bake, or damaged'):
+            read_observation(path, ['ball'])
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(ObservationError, match=r'film\.npz cannot be read: Is a directory'):
+        read_observation(path, ['ball'])
+
+
+def test_a_table_of_times_is_utf_8_with_or_without_a_mark(tmp_path):
+    np.save(tmp_path / 'a.npy', np.ones((2, 3)))
+    table = tmp_path / 'times.csv'
+    table.write_text('a.npy,0.5\n', encoding='utf-8-sig')
+    assert read_observation(tmp_path, ['ball']).times.tolist() == [0.5]
+    for encoding in ('utf-16', 'latin-1'):
+        table.write_text('größe,time\na.npy,0.5\n', encoding=encoding)
+        with pytest.raises(ObservationError, match=r'times\.csv cannot be read: it is not UTF-8'):
+            read_observation(tmp_path, ['ball'])
+    table.unlink()
+    table.mkdir()
+    with pytest.raises(ObservationError, match=r'times\.csv cannot be read: Is a directory'):
+        read_observation(tmp_path, ['ball'])
+
+
+@pytest.mark.parametrize(
+    ('name', 'time'),
+    [
+        ('cloud_-0.2.txt', -0.2),
+        ('cloud-0.2.txt', 0.2),
+        ('scan2-0.2.TXT', 0.2),
+        ('cloud_1.5e-3.csv', 0.0015),
+        ('cloud_+2.5e1.xyz', 25.0),
+    ],
+)
+def test_times_in_names_have_signs_and_exponents(tmp_path, name, time):
+    (tmp_path / name).write_text('1 2 3\n', encoding='utf-8-sig')
+    observation = read_observation(tmp_path, ['ball'])
+    assert observation.times.tolist() == [time]
+    assert observation.clouds[ANY_BODY][0].tolist() == [[1.0, 2.0, 3.0]]
+
+
+def test_arrays_of_other_things_are_no_points(tmp_path):
+    np.save(tmp_path / 'a_0.1.npy', np.array([['a', 'b', 'c']]))
+    with pytest.raises(ObservationError, match='cannot be read: could not convert'):
+        read_observation(tmp_path, ['ball'])
+
+
+def test_a_seed_is_a_whole_number_from_0(capsys):
+    with pytest.raises(SystemExit):
+        fit.parser().parse_args(['a.yaml', 'b.npz', '--seed', '-1'])
+    assert "argument --seed: '-1' must be a whole number from 0" in capsys.readouterr().err
+    assert fit.parser().parse_args(['a.yaml', 'b.npz', '--seed', '7']).seed == 7
+
+
+def test_a_parameter_beside_which_all_runs_fail_is_not_determined():
+    scene = SCENE | {'ball.position': [0.0, 0.0, 0.6]}
+    observation = film_of(filmed({'ball.stiffness': 0.3}, 0.4, scene))
+    problem = problem_of(observation, ['ball.stiffness', 'ball.bounciness'], scene)
+    middle = problem.unknowns[1].coordinate(problem.unknowns[1].start)
+
+    def of_one_bounciness(places):
+        return [
+            evaluate(problem, place) if place[1] == middle else Outcome(None, 'it broke')
+            for place in places
+        ]
+
+    runs = _Runs(of_one_bounciness, 2)
+    found = runs.descend(np.array([0.5, middle]), (1e-3,))
+    assert problem.unknowns[0].value(found.x[0]) == pytest.approx(0.3, rel=0.01)
+    jacobian = runs.jacobian(found.x, (1e-3,))
+    assert np.isfinite(jacobian[:, 0]).all() and np.isnan(jacobian[:, 1]).all()
+    solution = Solution(found.x, jacobian, found.fun, runs.count, runs.failures)
+    verdict = judge(problem.unknowns, solution, 0.001)
+    stiffness, bounciness = verdict.estimates
+    assert stiffness.deviation is not None and not stiffness.note
+    assert bounciness.deviation is None
+    assert bounciness.note == 'not determined: runs beside it fail'
+    assert verdict.warnings == ['ball.bounciness is not determined: runs beside it fail']
+
+
+def test_steps_over_which_runs_fail_say_nothing_about_the_uncertainty():
+    problem = problem_of(film_of(filmed({}, 0.1)), ['ball.stiffness'])
+
+    def fragile(places):
+        return [
+            Outcome(None, 'it broke')
+            if 2e-4 < abs(place[0] - 0.4) < 4e-3
+            else Outcome(np.full(3, 500.0 * (place[0] - 0.4)))
+            for place in places
+        ]
+
+    solution = search(problem, fragile, members=8, generations=2)
+    np.testing.assert_allclose(solution.jacobian, 500.0, rtol=1e-6)
+
+
+def test_what_was_found_is_kept_if_the_scene_as_given_cannot_be_simulated(tmp_path):
+    recording = filmed({'ball.stiffness': 0.3}, 0.2)
+    problem = problem_of(film_of(recording), ['ball.stiffness'])
+    impossible = dataclasses.replace(problem, scene=problem.scene | {'ball.stiffness': -1.0})
+    solution = Solution(
+        np.array([problem.unknowns[0].coordinate(0.3)]), np.full((len(recording.times), 1), 1e3),
+        np.zeros(len(recording.times)), 1, 0,
+    )  # fmt: skip
+    verdict = judge(problem.unknowns, solution, problem.noise)
+    output = tmp_path / 'found.yaml'
+    fit._write(impossible, verdict, output, pathlib.Path('film.npz'))
+    assert read_scene(str(output))['ball.stiffness'] == pytest.approx(0.3)
+    with Image.open(tmp_path / 'found.png') as picture:
+        assert picture.size == (960, 672)

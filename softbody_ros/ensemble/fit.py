@@ -75,10 +75,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _run(options)
     except (Refusal, ConfigError, MeshError, SimulationError, ObservationError) as error:
         reason = str(error)
-    except ConnectionError as error:  # of a scheduler
+    except OSError as error:  # of a scheduler, or of files
         reason = str(error)
-    except OSError as error:
-        reason = f'the result cannot be written: {error.strerror or error}'
     except MemoryError:
         reason = 'the observation does not fit into memory: take less of it, with --from and --to'
     _warn(reason)
@@ -121,7 +119,7 @@ def parser() -> argparse.ArgumentParser:
         '--noise', type=_positive, metavar='M',
         help='standard deviation of points, m (default: 0.003, of vertices 0.001)',
     )  # fmt: skip
-    add('--seed', type=int, default=0, help='of the search (default: 0)')
+    add('--seed', type=_seed, default=0, help='of the search (default: 0)')
     where = result.add_mutually_exclusive_group().add_argument
     where('--workers', type=_count, metavar='N', help='processes (default: one for each core)')
     where(
@@ -138,6 +136,12 @@ def _positive(text: str) -> float:
     if not 0.0 < value < float('inf'):
         raise argparse.ArgumentTypeError(f'{text!r} must be a length above 0, in metres')
     return value
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 0')
+    return int(text)
 
 
 def _count(text: str) -> int:
@@ -290,9 +294,14 @@ def _write(problem: Problem, verdict: Verdict, output: Path, observed: Path) -> 
     from softbody_ros.whole_file import whole_file
 
     text = scene_text(problem, verdict, str(observed))
-    with whole_file(output) as scene, whole_file(output.with_suffix('.png')) as drawing:
-        scene.write_text(text, encoding='utf-8')
-        drawing.write_bytes(picture(problem, verdict))
+    try:
+        with whole_file(output) as scene:
+            scene.write_text(text, encoding='utf-8')
+        data = picture(problem, verdict)
+        with whole_file(output.with_suffix('.png')) as drawing:
+            drawing.write_bytes(data)
+    except OSError as error:
+        raise Refusal(f'the result cannot be written: {error.strerror or error}') from None
 
 
 def _warn(sentence: str) -> None:

@@ -85,7 +85,10 @@ def judge(unknowns: Sequence[Unknown], solution: Solution, noise: float) -> Verd
     notes = ['' if k in active else 'no effect' for k in range(len(unknowns))]
     warnings = []
     for k, unknown in enumerate(unknowns):
-        if notes[k]:
+        if np.isnan(lengths[k]):
+            notes[k] = 'not determined: runs beside it fail'
+            warnings.append(f'{unknown.name} is {notes[k]}')
+        elif notes[k]:
             # as the scene has it, rather than anything
             place[k] = np.clip(unknown.coordinate(unknown.start), 0.0, 1.0)
             warnings.append(f'{unknown.name} has no effect on this observation: it is left alone')

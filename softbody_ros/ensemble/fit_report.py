@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import dataclasses
 import io
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from softbody_ros.core import ConfigError, MeshError, SimulationError
 from softbody_ros.ensemble.fit_estimates import Verdict
 from softbody_ros.ensemble.fit_parameters import OFFSET, fitted_values, offset_of
 from softbody_ros.ensemble.fit_problem import Match, Problem, matches
@@ -83,7 +85,11 @@ def picture(problem: Problem, verdict: Verdict) -> bytes:
     from matplotlib.figure import Figure
 
     fitted = matches(problem, verdict.coordinates)
-    before = matches(dataclasses.replace(problem, unknowns=()), np.zeros(0))
+    shown = [(fitted, FITTED, '-', 'fitted')]
+    # the scene as given may be one that cannot be simulated
+    with suppress(ConfigError, MeshError, SimulationError):
+        before = matches(dataclasses.replace(problem, unknowns=()), np.zeros(0))
+        shown.insert(0, (before, BEFORE, '--', 'scene as given'))
     figure = Figure(figsize=(8.0, 5.6), layout='constrained')
     height, residual = figure.subplots(2, 1, sharex=True)
     for k, target in enumerate(problem.targets):
@@ -92,13 +98,10 @@ def picture(problem: Problem, verdict: Verdict) -> bytes:
         label = lambda text, k=k: text if k == 0 else None  # noqa: E731
         mean = _over_frames(target.frames, target.points[:, 2])
         height.plot(times, mean, 'o', ms=4, color=OBSERVED, label=label('observed'))
-        for found, color, style, text in (
-            (before[k], BEFORE, '--', 'scene as given'),
-            (fitted[k], FITTED, '-', 'fitted'),
-        ):
-            mean = _over_frames(target.frames, found.nearest[:, 2])
+        for found, color, style, text in shown:
+            mean = _over_frames(target.frames, found[k].nearest[:, 2])
             height.plot(times, mean, style, color=color, label=label(text))
-            rms = np.sqrt(_over_frames(target.frames, _squares(found, len(target.points))))
+            rms = np.sqrt(_over_frames(target.frames, _squares(found[k], len(target.points))))
             rms = np.maximum(rms, problem.noise * LOWEST)
             residual.plot(times, 1e3 * rms, style, color=color)
     residual.axhline(1e3 * problem.noise, color=LIMIT, lw=1, ls=':', label='noise')

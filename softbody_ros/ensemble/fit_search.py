@@ -4,9 +4,10 @@
 The search for the parameters: differential evolution, then least squares from its best.
 
 The time of an impact, and whether something slides or rolls, make many local minima, and contacts
-make a motion piecewise smooth: derivatives are central differences over steps that are large
-beside the pieces first, and become smaller. All is in coordinates from 0 to 1 between the bounds,
-and in units of the noise. Nothing depends on how many runs are made at a time.
+make a motion piecewise smooth: derivatives are differences to one side, of both sides that in
+which less changes, over steps that are large beside the pieces first, and become smaller. All is
+in coordinates from 0 to 1 between the bounds, and in units of the noise. Nothing depends on how
+many runs are made at a time.
 
 References
 ----------
@@ -64,7 +65,7 @@ class Solution:
     ----------
     coordinates : (p,) float
     jacobian : (n, p) float
-        of the residuals by the coordinates
+        of the residuals by the coordinates, NaN where all runs beside the solution fail
     residuals : (n,) float
         in units of the noise
     runs, failures : int
@@ -124,9 +125,16 @@ def search(
     # columns of one step, or they would seem to differ; a jump would add information
     jacobian = min(
         (runs.jacobian(best.x, (step,)) for step in UNCERTAINTY),
-        key=lambda each: np.linalg.slogdet(each.T @ each).logabsdet,
+        key=_information,
     )
     return Solution(best.x, jacobian, best.fun, runs.count, runs.failures)
+
+
+def _information(jacobian: np.ndarray) -> tuple[int, float]:
+    """Return in how many columns (n, p) all runs failed, and what the others say, to compare."""
+    is_known = ~np.isnan(jacobian).any(axis=0)
+    known = jacobian[:, is_known]
+    return int(np.sum(~is_known)), float(np.linalg.slogdet(known.T @ known).logabsdet)
 
 
 def _starts(
@@ -204,7 +212,8 @@ class _Runs:
         return least_squares(
             residuals,
             start,
-            jac=lambda place: self.jacobian(place, steps),
+            # where all runs beside it fail, a parameter stays as it is
+            jac=lambda place: np.nan_to_num(self.jacobian(place, steps)),
             bounds=(0.0, 1.0),
             loss='soft_l1',
             # far from the solution every point is an outlier, and has to count as none
@@ -214,7 +223,11 @@ class _Runs:
         )  # fmt: skip
 
     def jacobian(self, place: np.ndarray, steps: Sequence[float]) -> np.ndarray:
-        """Return differences (n, p), for each parameter over a step without a jump."""
+        """
+        Return differences (n, p), for each parameter over a step without a jump.
+
+        They are NaN where all runs beside the place fail.
+        """
         ends, widths = [], []
         for k in range(self._parameters):
             for width in (side * step for step in steps for side in (1.0, -1.0)):
@@ -234,6 +247,6 @@ class _Runs:
                 if (residuals := outcomes[row]) is not None and widths[row]
             ]
             # a jump adds to the norm, the more the smaller the step
-            least = min(differences, key=np.linalg.norm, default=np.zeros_like(here))
+            least = min(differences, key=np.linalg.norm, default=np.full_like(here, np.nan))
             columns.append(least)
         return np.stack(columns, axis=1)

@@ -17,7 +17,6 @@ import importlib.util
 from pathlib import Path
 import re
 from typing import Any
-import zipfile
 
 import numpy as np
 
@@ -26,6 +25,8 @@ from softbody_ros.ensemble.observation import ANY_BODY, Observation, Observation
 TIMES = 'times.csv'
 TEXTS = ('.csv', '.txt', '.xyz')
 SUFFIXES = ('.npy', '.ply', *TEXTS)
+NUMBER = r'(?:(?<![^\W_])[-+])?\d+\.\d+(?:[eE][-+]?\d+)?|\d+'
+"""In the name of a file; a dash after a letter or a digit is no sign."""
 
 
 def read_observation(path: Path, bodies: Sequence[str], topic: str | None = None) -> Observation:
@@ -48,7 +49,7 @@ def read_observation(path: Path, bodies: Sequence[str], topic: str | None = None
     """
     if not path.exists():
         raise ObservationError(f'the observation {path} does not exist')
-    if path.suffix == '.npz':
+    if path.suffix.lower() == '.npz':
         observation = _film(path)
     elif path.suffix in ('.bag', '.mcap', '.db3') or (path / 'metadata.yaml').exists():
         if importlib.util.find_spec('rosbags') is None:
@@ -78,11 +79,26 @@ def _film(path: Path) -> Observation:
     try:
         with np.load(path, allow_pickle=False) as film:
             # the tick that a frame shows, not the time nearest to which it is
-            times = film['ticks'] * film['time_step']
-            clouds = {name: list(film[f'{name}.positions']) for name in film['bodies'].tolist()}
-    except (KeyError, ValueError, OSError, zipfile.BadZipFile):
-        raise ObservationError(f'the observation {path} is no film of bake') from None
-    return in_order(times, clouds, path)
+            times = np.ravel(film['ticks'] * film['time_step']).astype(float).tolist()
+            clouds = {
+                name: np.asarray(film[f'{name}.positions'], dtype=float)
+                for name in film['bodies'].tolist()
+            }
+    except OSError as error:
+        raise ObservationError(_unreadable(f'the observation {path}', error)) from None
+    except MemoryError:
+        raise
+    except Exception:  # as many kinds as there are ways of being damaged
+        raise ObservationError(
+            f'the observation {path} is no film of bake, or damaged: bake it again'
+        ) from None
+    for name, positions in clouds.items():
+        if positions.ndim != 3 or positions.shape != (len(times), positions.shape[1], 3):
+            raise ObservationError(
+                f'the observation {path} has positions of {name} of the shape {positions.shape}: '
+                f'it must be ({len(times)}, n, 3), the number of its times first'
+            )
+    return in_order(times, {name: list(each) for name, each in clouds.items()}, path)
 
 
 def _folder(path: Path) -> Observation:
@@ -96,14 +112,14 @@ def _times_of(folder: Path) -> dict[Path, float]:
     table = folder / TIMES
     if table.exists():
         return _listed(table)
-    files = sorted(each for each in folder.iterdir() if each.suffix in SUFFIXES)
+    files = sorted(each for each in folder.iterdir() if each.suffix.lower() in SUFFIXES)
     if not files:
         raise ObservationError(
             f'the folder {folder} has no point files: they end with {", ".join(SUFFIXES)}'
         )
     result = {}
     for file in files:
-        numbers = re.findall(r'\d+\.\d+|\d+', file.stem)
+        numbers = re.findall(NUMBER, file.stem)
         if not numbers or '.' not in numbers[-1]:
             raise ObservationError(
                 f'{file} has no time in its name, such as cloud_0.033{file.suffix}: name all '
@@ -114,8 +130,12 @@ def _times_of(folder: Path) -> dict[Path, float]:
 
 
 def _listed(table: Path) -> dict[Path, float]:
+    try:
+        lines = table.read_text(encoding='utf-8-sig').splitlines()
+    except (OSError, UnicodeError) as error:
+        raise ObservationError(_unreadable(str(table), error)) from None
     result: dict[Path, float] = {}
-    for number, line in enumerate(table.read_text(encoding='utf-8').splitlines()):
+    for number, line in enumerate(lines):
         name, _, time = (part.strip() for part in line.partition(','))
         if not line.strip() or (number == 0 and not _is_number(time)):
             continue  # a headline
@@ -130,6 +150,11 @@ def _listed(table: Path) -> dict[Path, float]:
     return result
 
 
+def _unreadable(what: str, error: OSError | UnicodeError) -> str:
+    reason = getattr(error, 'strerror', None) or 'it is not UTF-8 text'
+    return f'{what} cannot be read: {reason}'
+
+
 def _is_number(text: str) -> bool:
     try:
         float(text)
@@ -141,7 +166,7 @@ def _is_number(text: str) -> bool:
 def _points(file: Path) -> np.ndarray:
     """Return the points (k, 3) of a file."""
     try:
-        points = _loaded(file)
+        points = np.asarray(_loaded(file), dtype=float)
     except Exception as error:  # readers of formats raise anything
         reason = ' '.join(str(error).split())[:100]
         raise ObservationError(f'the points {file} cannot be read: {reason}') from None
@@ -150,20 +175,21 @@ def _points(file: Path) -> np.ndarray:
             f'the points {file} have the shape {points.shape}: it must be (k, 3), a row of '
             'x, y, z for each'
         )
-    return np.asarray(points[:, :3], dtype=float)
+    return points[:, :3]
 
 
 def _loaded(file: Path) -> Any:
-    if file.suffix == '.npy':
+    suffix = file.suffix.lower()
+    if suffix == '.npy':
         return np.load(file, allow_pickle=False)
-    if file.suffix == '.ply':
+    if suffix == '.ply':
         import trimesh
 
         loaded: Any = trimesh.load(file, process=False)
         return np.asarray(loaded.vertices)
-    if file.suffix not in TEXTS:
+    if suffix not in TEXTS:
         raise ObservationError(f'it must end with one of {", ".join(SUFFIXES)}')
-    lines = file.read_text(encoding='utf-8').replace(',', ' ').replace(';', ' ').splitlines()
+    lines = file.read_text(encoding='utf-8-sig').replace(',', ' ').replace(';', ' ').splitlines()
     if lines and not all(_is_number(word) for word in lines[0].split()):
         del lines[0]  # a headline
     rows = [line.split()[:3] for line in lines if line.strip()]
