@@ -653,6 +653,11 @@ BAD = {
     'poke': lambda world: world.poke((np.nan, 0.0, 0.0), 1.0, 1.0),
     'poke, impulse': lambda world: world.poke((0.0, 0.0, 0.5), np.nan, 10.0),
     'poke, radius': lambda world: world.poke((0.0, 0.0, 0.5), 1.0, np.nan),
+    'apply_wrench, ages': lambda world: world.apply_wrench('body', (1, 0, 0), (0, 0, 0), 1e308),
+    'override_gravity, ages': lambda world: world.override_gravity((0.0, 0.0, 1.0), 1e308),
+    'poke, far': lambda world: world.poke((1e308, 0.0, 0.0), 1.0, 1.0),
+    'poke, wide': lambda world: world.poke((0.0, 0.0, 0.5), 1.0, 1e308),
+    'poke, hard': lambda world: world.poke((0.0, 0.0, 0.5), 1e308, 10.0),
     'poke, text': lambda world: world.poke('here', 1.0, 1.0),
 }
 

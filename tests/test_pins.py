@@ -641,3 +641,30 @@ def test_a_hanging_body_that_flows_keeps_within_its_bounds(mode):
     world.step(1200)
     assert 0.05 < world.permanent_strain('body') <= 0.3 + 1e-12
     assert np.array_equal(world.positions('body')[TOP], BALL.vertices[TOP])
+
+
+# -------------------------------------------------------------------- no way out for what is held
+@pytest.mark.parametrize('friction', [0.0, 0.5])
+@pytest.mark.parametrize('mode', ['linear', 'quadratic'])
+@pytest.mark.parametrize('angle', [0.55, 0.7, 0.8])
+def test_what_is_pushed_into_the_border_of_a_pinned_cap_throws_nothing(mode, angle, friction):
+    """There, faces have pinned corners: a free one with a small share cannot make up for them."""
+    towards = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    finger = ObstacleConfig(
+        name='finger', type='sphere', size=(0.1,) * 3, position=tuple(0.61 * towards),
+        velocity_linear=tuple(-0.1 * towards),
+    )  # fmt: skip
+    ball = body(
+        'icosphere', subdivisions=2, mode=mode, friction=friction,
+        pins_box=(-1.0, -1.0, 0.4, 1.0, 1.0, 1.0),
+    )  # fmt: skip
+    world = floating(ball, h=1 / 240, reference_step=1 / 240, gravity=9.81)
+    world.add(finger)
+    for tick in range(480):
+        if tick == 192:  # 7 cm deep
+            world.move_obstacle('finger', world.obstacles[0].position)
+        world.step()
+        assert np.abs(world.velocities('body')).max() < 1.0
+    assert np.abs(world.velocities('body')).max() < 1e-3
+    if angle > 0.6:  # else all that it touches is pinned
+        assert np.linalg.norm(world.obstacle_wrench('finger')[0]) > 0.1

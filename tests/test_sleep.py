@@ -15,8 +15,10 @@ from softbody_ros.core import (
     ObstacleRemoval,
     ObstacleUpdate,
     PointObstacles,
+    Surface,
     World,
     WorldConfig,
+    make_surface,
 )
 from softbody_ros.core.shape_matching import modal_flight
 from softbody_ros.core.sleeping import BodyBoxes
@@ -616,3 +618,61 @@ def test_what_slept_with_another_start_state_sleeps_when_it_is_restored():
     world.configure(dataclasses.replace(world.config, bodies=(moved,)))
     world.restore(saved)
     assert world.is_asleep('body')
+
+
+# ------------------------------------------------------------------------------ who is taken away
+def bridge():
+    """Return a world of a plank asleep on two boxes."""
+    piers = [
+        body('box', name=name, size=0.2, mode='rigid', friction=0.5, position=(x, 0.0, 0.2))
+        for name, x in (('left', -0.5), ('right', 0.5))
+    ]
+    wide = make_surface('box', 0.05, 1)
+    plank = body(
+        Surface(wide.vertices * (16.0, 6.0, 1.0), wide.faces), name='plank', mode='rigid',
+        friction=0.5, position=(0.0, 0.0, 0.451),
+    )  # fmt: skip
+    world = World(WorldConfig(bodies=(*piers, plank)))
+    for _ in range(40):
+        world.step(48)
+        if not awake(world):
+            return world
+    raise AssertionError('the bridge does not fall asleep')
+
+
+AWAY = {
+    'place': lambda world: world.place('left', np.array((0.0, 5.0, 0.2)), np.eye(3)),
+    'set_state': lambda world: world.set_state('left', world.positions('left') + (0.0, 5.0, 0.0)),
+    'place and remove': lambda world: (
+        world.place('left', np.array((0.0, 5.0, 0.2)), np.eye(3)), world.remove('left'),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('how', AWAY)
+def test_who_lay_on_what_is_put_elsewhere_falls(how):
+    world = bridge()
+    lowest = world.positions('plank')[:, 2].min()
+    AWAY[how](world)
+    world.step(120)
+    assert world.positions('plank')[:, 2].min() < lowest - 0.1
+
+
+def test_who_lay_on_what_goes_with_an_obstacle_falls():
+    world = bridge()
+    crane = ObstacleConfig(name='crane', type='sphere', size=(0.1,) * 3, position=(-0.5, 1.0, 1.0))
+    world.add(crane)
+    held = dataclasses.replace(
+        world.body_config('left'), attach_to='crane', attach_indices=tuple(range(8))
+    )
+    bodies = (held, *world.config.bodies[1:])
+    world.configure(dataclasses.replace(world.config, bodies=bodies))
+    for _ in range(40):
+        world.step(48)
+        if not awake(world):
+            break
+    assert not awake(world)
+    lowest = world.positions('plank')[:, 2].min()
+    world.move_obstacle('crane', (-0.5, 9.0, 1.0))
+    world.step(120)
+    assert world.positions('plank')[:, 2].min() < lowest - 0.1

@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike
 
 from softbody_ros.core.config import ConfigError
 
+LARGEST = 1e100
+"""Of what is squared, or counted in ticks: far beyond anything, and finite after that."""
+
 
 def finite_rows(values: ArrayLike, count: int, what: str) -> np.ndarray:
     """Return values as an array (count, 3) of finite numbers."""
@@ -17,12 +20,18 @@ def finite_rows(values: ArrayLike, count: int, what: str) -> np.ndarray:
 
 def finite_vector(values: ArrayLike, what: str) -> np.ndarray:
     """Return values as a new array (3,) of finite numbers."""
-    return np.array(finite_array(values, (3,), what, 'x, y, z'))
+    return _bounded(np.array(finite_array(values, (3,), what, 'x, y, z')), what)
 
 
 def finite_number(value: float, what: str) -> float:
     """Return a finite number."""
-    return float(finite_array(value, (), what, 'one number'))
+    return float(_bounded(finite_array(value, (), what, 'one number'), what))
+
+
+def _bounded(values: np.ndarray, what: str) -> np.ndarray:
+    if (np.abs(values) > LARGEST).any():
+        raise ConfigError(f'{what}: a number of it is larger than {LARGEST:g}, which none must be')
+    return values
 
 
 def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str, meaning: str) -> np.ndarray:

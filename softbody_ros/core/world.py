@@ -388,6 +388,11 @@ class World:
     def _boxes(self) -> sleeping.Boxes:
         return self._body_boxes.measured()
 
+    def _touching(self, index: int) -> np.ndarray:
+        """Return which bodies (B,) bool touch one: those asleep on top of it must fall."""
+        low, high = self._boxes()
+        return ((low <= high[index]) & (low[index] <= high)).all(axis=1)
+
     def _wake_near(self, changed: Iterable[Obstacle]) -> None:
         """Wake the bodies near obstacles, given at their old and new poses."""
         if not self._state.still_samples.any():
@@ -462,6 +467,7 @@ class World:
         index, fit = self._index_of(name), self.rigid_fit(name)
         position = finite_vector(position, 'position')
         rotation = finite_array(rotation, (3, 3), 'rotation', 'a matrix')
+        self._wake(self._touching(index))
         x, v = self._state.positions(index), self._state.velocities(index)
         rotation_change = rotation @ fit.rotation.T
         arms = x - fit.position[:, None]
@@ -517,6 +523,8 @@ class World:
         count = rest.surface_count
         x = None if positions is None else finite_rows(positions, count, f'positions of {name}')
         v = None if velocities is None else finite_rows(velocities, count, f'velocities of {name}')
+        if x is not None:
+            self._wake(self._touching(index))
         for given, current in (
             (x, self._state.positions(index)),
             (v, self._state.velocities(index)),
@@ -641,11 +649,8 @@ class World:
     def _let_go_of(self, indices: list[int], rows: list[int]) -> None:
         """Wake what touches bodies and obstacles that are removed; forget what acts on these."""
         self._wake_near(self._obstacles[row] for row in rows)
-        low, high = self._boxes()
         for index in indices:
-            # bodies asleep on top of it must fall
-            touching = ((low <= high[index]) & (low[index] <= high)).all(axis=1)
-            self._wake(touching)
+            self._wake(self._touching(index))
             name, still = self._bodies[index].config.name, np.zeros(3)
             self._inputs = self._inputs.with_wrench(name, Wrench(still, still, False, 0))
         records = self._environment_of(self.obstacles, self._inputs).records
@@ -820,6 +825,7 @@ class World:
         self._index = {body.config.name: index for index, body in enumerate(self._bodies)}
         self._shapes = {shape_key(body.config): shape_of(body) for body in self._bodies}
         self._state = State(self._bodies)
+        self._state.use_obstacles(self.obstacle_keys, self.tick)
         self._body_boxes = sleeping.BodyBoxes(self._state)
         self._awake = None
         self._any_wrench = False
@@ -973,8 +979,12 @@ class World:
         """Let bodies follow obstacles that hold them, see `Holders.follow`."""
         if not self._holders:
             return
+        # before they are placed elsewhere with their obstacle
+        low, high = self._boxes() if placed else np.zeros((2, 0, 3))
         moved, lost = self._holders.follow(self.obstacles, self.obstacle_keys, placed)
         for index in moved + lost:
+            if placed:
+                self._wake(((low <= high[index]) & (low[index] <= high)).all(axis=1))
             self._wake(index)
         if lost:
             self._use_pins()
@@ -1124,7 +1134,7 @@ class World:
         point = finite_vector(point, 'point')
         impulse, radius = finite_number(impulse, 'impulse'), finite_number(radius, 'radius')
         name, distance = self.nearest(point)
-        if distance >= radius:
+        if distance >= radius or radius * radius == 0.0:
             return ''
         index = self._index_of(name)
         body = self._bodies[index]

@@ -83,6 +83,9 @@ TOLERANCE, SOFT_TOLERANCE, SINGLE_TOLERANCE = 1e-11, 1e-10, 1e-8
 """Of displacements, in RMS radii; of velocities the same over the tick. The second one of islands
 with deformable bodies, the third one of a deformable body alone: where there is no other, the
 result need not be the same for any order of bodies."""
+LEAST_MOBILITY = 0.25
+"""Of a contact with pinned particles, relative to the largest one of a free particle of it, below
+which it fades."""
 PROXIMAL = 0.1
 """Compliance of contacts of deformable bodies that share particles, for changes of forces and for
 velocities, relative to the response of their particles."""
@@ -225,7 +228,8 @@ def begin_positions(island: Island, known: int, first: int, working: int) -> Pro
         row['shares_particles'] = is_shared(row, particles)
         if row['shares_particles']:
             compliance += PROXIMAL * mobility
-        row['compliance'][0] = row['compliance'][1] = compliance
+        row['lasting'] = compliance_of_pins(row, members, whole.mobility)
+        row['compliance'][0] = row['compliance'][1] = compliance + row['lasting']
         start = scaled(0.5 * h * h, vector_of(row['remembered']))
         row['bias'][0] = row['linear_gap'] = row['gap']
         row['force'][0] = max(dot(start, vector_of(row['normal'])), 0.0)
@@ -313,6 +317,31 @@ def is_shared(row: np.void, particles: np.ndarray) -> bool:
 
 
 @helper
+def compliance_of_pins(row: np.void, members: np.ndarray, mobility: np.ndarray) -> float:
+    """
+    Return a compliance of a contact on a face with pinned corners.
+
+    By itself, a free corner with a small share would have to move as many times as far as the face
+    overlaps, if what touches cannot get out of the way: an obstacle, or a body with pins, too.
+    So a contact fades whose free corner has less than half of it, and none moves more than twice
+    as far as it overlaps. Where all corners are pinned there is no contact.
+    """
+    for side in range(2):
+        index, _ = side_of(row, side)
+        if index >= 0 and not members[index]['has_pins']:
+            return 0.0
+    largest, is_pinned = 0.0, False
+    for corner in range(4):
+        if row['shares'][corner] != 0.0:
+            own = mobility[row['particles'][corner]]
+            largest, is_pinned = max(largest, own), is_pinned or own == 0.0
+    if not is_pinned:
+        return 0.0
+    own, least = own_mobility(row, mobility), LEAST_MOBILITY * largest
+    return (least - own) * least / own if 0.0 < own < least else 0.0
+
+
+@helper
 def place_all(members: np.ndarray, particles: np.ndarray, problem: Problem) -> None:
     """Write the displacements of bodies, and of particles, by λ."""
     place(members, problem.modes[0])
@@ -353,7 +382,8 @@ def linearise(
             if row['two'] < 0 and row['inverse_mass'] > 0.0:
                 overlap = max(overlap, -gap)
         row['end_gap'], row['linear_gap'] = gap, gap - motion[0]
-        row['bias'][0] = row['linear_gap'] - row['compliance'][0] * row['force'][0]
+        changes = row['compliance'][0] - row['lasting']
+        row['bias'][0] = row['linear_gap'] - changes * row['force'][0]
     return error, overlap
 
 

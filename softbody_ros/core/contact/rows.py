@@ -49,6 +49,7 @@ ROW = np.dtype(
         ('two', np.int64),  # member that −f acts on, or −1
         ('bias', np.float64, (3,)),  # b
         ('compliance', np.float64, (2,)),  # c of the normal, and of the tangents
+        ('lasting', np.float64),  # of these, what yields to all of the force, not to changes only
         ('friction', np.float64),  # μ
         ('base', np.float64, (3,)),  # f⁰
         ('force', np.float64, (3,)),  # f

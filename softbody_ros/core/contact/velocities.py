@@ -27,6 +27,7 @@ from softbody_ros.core.contact.members import (
 )
 from softbody_ros.core.contact.positions import (
     PROXIMAL,
+    compliance_of_pins,
     is_shared,
     moved,
     put_jacobian,
@@ -177,7 +178,7 @@ def begin_velocities(
         row['bias'][0] = dot(normal, velocity) + row['elasticity'] * row['approach'] + yielding
         compliance = VELOCITY_COMPLIANCE * row['inverse_mass']
         share = PROXIMAL if is_shared(row, particles) else SOFT_VELOCITY_COMPLIANCE
-        compliance += share * mobility
+        compliance += share * mobility + compliance_of_pins(row, members, problem.mobility)
         row['compliance'][0] = row['compliance'][1] = compliance
         for axis in range(2):
             tangent = vector_of(row['tangents'][axis])
