@@ -18,7 +18,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     It lies in a hidden folder beside `path`: on the same file system, with the same file name.
     """
-    with tempfile.TemporaryDirectory(prefix='.bake-', dir=path.parent) as folder:
+    with tempfile.TemporaryDirectory(prefix='.unfinished-', dir=path.parent) as folder:
         unfinished = Path(folder) / path.name
         yield unfinished
         os.replace(unfinished, path)

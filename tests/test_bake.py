@@ -539,7 +539,7 @@ def test_a_signal_leaves_no_half_file(tmp_path, number):
     )
     deadline = time.monotonic() + 30.0
     try:
-        while not list(tmp_path.glob('.bake-*/new.usda')) and time.monotonic() < deadline:
+        while not list(tmp_path.glob('.unfinished-*/new.usda')) and time.monotonic() < deadline:
             assert process.poll() is None, process.communicate()
             time.sleep(0.02)
         process.send_signal(number)

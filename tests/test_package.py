@@ -4,6 +4,7 @@
 
 import ast
 import re
+import shlex
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -65,6 +66,15 @@ def test_packages_import_only_what_the_architecture_lets_them():
         names = {name.split('.')[1] for name in imported if name.startswith('softbody_ros.')}
         # modules beside the packages know none of them
         assert names & packages <= {package, *allowed.get(package, ())}, path
+
+
+def test_what_is_installed_beside_ros_has_the_bounds_of_setup():
+    setup = (ROOT / 'setup.py').read_text()
+    pip = re.search(r'^pip install --user .*', (ROOT / 'README.md').read_text(), re.M)[0]
+    requirements = [each for each in shlex.split(pip, comments=True)[2:] if each[0] != '-']
+    assert [re.match(r'\w+', each)[0] for each in requirements] == ['numba', 'trimesh', 'viser']
+    for requirement in requirements:
+        assert f"'{requirement}'" in setup
 
 
 def test_package_format_and_build_type():

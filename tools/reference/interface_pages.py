@@ -43,10 +43,12 @@ TOPICS_BEGIN = """\
 accepted, is described in [Messages](messages.md)."""
 
 PUBLISHED_BEGIN = """\
-Nothing is computed or packed for a topic without subscribers. Subscribe to a topic that is
-*transient local* with transient local durability to receive its last message at any time. Queues
-of topics with a message for each body or obstacle have at least the depth given here, and room for
-all of them: let those of subscribers have it, too."""
+Topics at `points_rate` and `mesh_rate` are packed only while somebody subscribes (`/tf`: always).
+Subscribe to a topic that is *transient local* with transient local durability to receive its last
+message at any time."""
+DEPTHS = """\
+Where a topic has a message for each body, or for each obstacle and link, its queue has room for at
+least twice their number, and at least the depth given here: let that of a subscriber have it, too."""
 
 RECEIVED_BEGIN = """\
 A message that cannot be used is ignored, with a warning at most every 5 s for each topic.
@@ -68,6 +70,7 @@ def topics_page() -> str:
         '## Published',
         PUBLISHED_BEGIN,
         table(head, map(_topic_row, PUBLISHED)),
+        DEPTHS,
         _descriptions(PUBLISHED),
         f'## Fields of {POINTS.name}',
         f'A point has {POINT_TYPE.itemsize} bytes, little endian.',
