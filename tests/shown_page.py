@@ -17,9 +17,20 @@ BALL = 1500
 
 
 class Show:
-    """A node, a viewer and a page that shows it."""
+    """
+    A node, a viewer and a page that shows it.
 
-    def __init__(self, browser, graph, node=SIM):
+    Parameters
+    ----------
+    browser : playwright.sync_api.Browser
+    graph : Graph
+    node : str
+    draws : bool
+        whether somebody looks at the view
+
+    """
+
+    def __init__(self, browser, graph, node=SIM, draws=True):
         self.graph = graph
         self.port = browser_of_tests.free_port()
         self.viewer = graph.process(
@@ -36,6 +47,8 @@ class Show:
         self.greeting = self.viewer.stderr.readline()
         self.page = browser.new_page(viewport={'width': 720, 'height': 400})
         browser_of_tests.slow_down(self.page)
+        if not draws:
+            browser_of_tests.draw_nothing(self.page)
         self.page.goto(f'http://127.0.0.1:{self.port}')
 
     def picture(self):

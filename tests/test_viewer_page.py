@@ -43,7 +43,7 @@ def show(browser, compiled_ahead):
     graph = Graph()
     try:
         graph.process('--ros-args', '-p', 'ball.subdivisions:=1', '-p', 'gravity.magnitude:=5.0')
-        result = Show(browser, graph)
+        result = Show(browser, graph, draws=False)
         result.says(f'{SIM}: running')
         expect(button(result, 'Reset')).to_be_enabled()
         for folder, inside in (('scene', 'Open scene file'), ('film', 'Record')):
@@ -91,6 +91,7 @@ def test_a_page_is_as_dark_as_its_system_until_somebody_chooses(show, browser):
     context = browser.new_context(color_scheme='dark', viewport={'width': 390, 'height': 844})
     page = context.new_page()
     browser_of_tests.slow_down(page)
+    browser_of_tests.draw_nothing(page)
     dark, light = (
         page.locator(f'html[data-mantine-color-scheme={scheme}]') for scheme in ('dark', 'light')
     )

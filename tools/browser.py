@@ -39,6 +39,14 @@ def slow_down(page: Page) -> None:
     )
 
 
+def draw_nothing(page: Page) -> None:
+    """Let a page leave its view empty, where nobody looks at it: most of its time goes there."""
+    page.add_init_script(
+        "for (const name of ['drawArrays', 'drawArraysInstanced', 'drawElements',"
+        " 'drawElementsInstanced']) WebGL2RenderingContext.prototype[name] = () => {};"
+    )
+
+
 def row(page: Page, label: str) -> Locator:
     """Return the row of the viewer's panel with a label."""
     words = page.locator('label', has_text=re.compile(f'^{re.escape(label)}$'))
