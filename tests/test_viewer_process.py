@@ -121,6 +121,7 @@ def test_the_tab_of_the_browser_has_the_name_of_the_node(graph, browser):
     address, _ = address_in(viewer)
     for _ in range(2):  # one that comes later, too
         page = browser.new_page()
+        browser_of_tests.draw_nothing(page)
         page.goto(address)
         expected = '/left/softbody_sim – softbody_ros'
         page.wait_for_function('expected => document.title === expected', arg=expected)
