@@ -11,12 +11,14 @@ from contact_problems import (
     frame_of,
     grid_cube,
     outwards,
+    solve_all,
     stack,
     updated_discs,
     width,
 )
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from softbody_ros.core.contact.rows import ROW
 from softbody_ros.core.contact.solver import LARGE_SWEEPS
@@ -76,6 +78,69 @@ def test_a_solution_meets_the_laws_of_contact(kinds, members, seed):
     residual, _, _ = case.solve(1e-11)
     assert residual <= 1e-10
     case.check()
+
+
+@pytest.mark.parametrize('seed', range(8))
+@pytest.mark.parametrize(
+    ('members', 'friction'), [(1, 0.0), (1, 0.2), (2, 0.2), (5, 0.0), (5, 0.1)]
+)
+def test_rigid_bodies_alone_meet_them_too(members, friction, seed):
+    random = np.random.default_rng(seed)
+    count = 8 * members
+    rows = np.zeros(count, ROW)
+    rows['one'] = random.integers(0, members, count)
+    rows['two'] = random.integers(-1, members, count)
+    rows['two'][rows['two'] == rows['one']] = -1
+    # contacts around bodies of different masses, with inertia 0.1 per mass
+    mass = random.choice([0.5, 1.0, 5.0], members)
+    frames = Rotation.random(count, random_state=seed).as_matrix()
+    arms = 0.5 * random.normal(size=(count, 2, 1, 3))
+    turning = np.cross(arms, frames[:, None]) / np.sqrt(0.1)
+    jacobian = np.concatenate([np.broadcast_to(frames[:, None], turning.shape), turning], axis=3)
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        index = rows['one' if side == 0 else 'two']
+        jacobian[:, side] *= sign / np.sqrt(mass[index])[:, None, None]
+    jacobian[rows['two'] < 0, 1] = 0.0
+    rows['bias'] = random.normal(size=(count, 3)) - (0.5, 0.0, 0.0)
+    rows['compliance'] = 0.01
+    rows['friction'] = friction
+    rows['viscosity'] = -1.0
+    rows['base'][:, 0] = random.choice([0.0, 0.2], count)
+    rows['radius'] = 0.0
+    result = np.zeros(3)
+    room = np.zeros((count, 2, 3, width(RIGID) + 1 - RIGID))
+    room[..., -1] = np.nan
+    padded = np.concatenate([jacobian, room], axis=3)
+    lanes = padded.shape[3]
+    solve_all(
+        rows, padded.reshape(-1, lanes), np.full(members, RIGID), np.empty(0),
+        np.zeros((3, members, lanes)), np.empty((2, 3, 0)),
+        np.empty((members, members, RIGID, RIGID)), np.empty((members, members), np.bool_),
+        1e-10, result,
+    )  # fmt: skip
+    assert result[0] <= 1e-10
+    # the same operator, written independently
+    matrix = np.zeros((count, 3, members, RIGID))
+    for k in range(count):
+        matrix[k, :, rows['one'][k]] = jacobian[k, 0]
+        if rows['two'][k] >= 0:
+            matrix[k, :, rows['two'][k]] += jacobian[k, 1]
+    matrix = matrix.reshape(3 * count, -1)
+    force = rows['force'].ravel()
+    s = (rows['bias'].ravel() + 0.01 * force + matrix @ (matrix.T @ force)).reshape(-1, 3)
+    total = rows['base'] + rows['force']
+    assert total[:, 0].min() >= 0.0
+    assert s[:, 0].min() > -1e-8
+    assert np.abs(total[:, 0] * s[:, 0]).max() < 1e-7
+    size = np.linalg.norm(total[:, 1:], axis=1)
+    limit = rows['friction'] * total[:, 0]
+    assert (size <= limit + 1e-9).all()
+    slip = np.linalg.norm(s[:, 1:], axis=1)
+    sticking = size < limit - 1e-6
+    assert slip[sticking] == pytest.approx(0.0, abs=1e-8)
+    sliding = slip > 1e-6
+    against = (total[:, 1:] * s[:, 1:]).sum(axis=1)
+    assert against[sliding] == pytest.approx(-(limit * slip)[sliding], abs=1e-7)
 
 
 @pytest.mark.parametrize('seed', range(4))
