@@ -67,11 +67,11 @@ print(json.dumps([world.positions(name).tolist() for name in world.names]))
 def test_kernels_divide_by_no_zero(subdivisions):
     """Python raises an exception at what is inf or nan in machine code."""
     code = f"""
-from functools import partial
 import numpy
 from softbody_ros.core import warm_up
 numpy.seterr(divide='raise')
-warm_up.everything = partial(warm_up.everything, subdivisions={subdivisions})
+for function in (warm_up.everything, warm_up._body):
+    function.__defaults__ = ({subdivisions},)
 warm_up.warm_up()
 """
     printed(code, NUMBA_DISABLE_JIT='1')
