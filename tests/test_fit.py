@@ -524,17 +524,23 @@ def command(folder, *arguments):
     )  # fmt: skip
 
 
-def test_one_worker_and_two_find_the_same_as_this_process(files):
-    results = []
-    for workers in (1, 2):
+def test_one_worker_and_a_cluster_of_two_find_the_same_as_this_process(files):
+    def found_by(name, *workers):
         process = command(
-            files, 'ball.yaml', 'film.npz', '-p', 'ball.stiffness', '--workers', workers,
-            '-o', f'{workers}.yaml',
+            files, 'ball.yaml', 'film.npz', '-p', 'ball.stiffness', *workers,
+            '-o', f'{name}.yaml',
         )  # fmt: skip
         out, err = process.communicate(timeout=300)
         assert process.returncode == 0, err
-        assert out.startswith('parameter       value  ±') and f'{workers}.yaml' in out
-        results.append((files / f'{workers}.yaml').read_text())
+        assert out.startswith('parameter       value  ±') and f'{name}.yaml' in out
+        return (files / f'{name}.yaml').read_text()
+
+    results = [found_by(1, '--workers', 1)]
+    with cluster(workers=2) as client:
+        client.wait_for_workers(2)
+        results.append(found_by(2, '--scheduler', client.scheduler.address))
+        runs = client.run(lambda dask_worker: dask_worker.state.executed_count).values()
+        assert len(runs) == 2 and sum(runs) > 200
     assert results[0] == results[1]
     observation = read_observation(files / 'film.npz', ['ball'])
     scene = read_scene(str(files / 'ball.yaml'))
