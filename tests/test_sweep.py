@@ -455,7 +455,9 @@ def test_a_run_that_kills_its_workers_is_given_up_and_no_other_one(
     assert capsys.readouterr().err.startswith('sweep: run 1 failed: several workers ended while')
 
 
-def test_ctrl_c_ends_it_and_the_same_command_goes_on(run_main, capsys, tmp_path, reference):
+def test_ctrl_c_ends_it_and_the_same_command_goes_on(
+    run_main, capsys, tmp_path, scheduler, reference
+):
     process = begun(tmp_path, '--workers', '1')
     try:
         await_that(lambda: groups(tmp_path) or process.poll() is not None, 'a first run')
@@ -472,7 +474,8 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(run_main, capsys, tmp_path,
     expected = files(reference)
     assert all(expected[path] == content for path, content in files(tmp_path / 'store').items())
 
-    assert run_main('spec.yaml', '-o', 'store', '--workers', '1') == 0
+    # by the workers that there are, which is no other sweep
+    assert run_main('spec.yaml', '-o', 'store', '--scheduler', scheduler) == 0
     said = capsys.readouterr()
     assert said.err == '' and f'\n{RUNS - len(done)} made in ' in said.out
     assert files(tmp_path / 'store') == expected
