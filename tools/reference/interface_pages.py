@@ -48,7 +48,8 @@ Subscribe to a topic that is *transient local* with transient local durability t
 message at any time."""
 DEPTHS = """\
 Where a topic has a message for each body, or for each obstacle and link, its queue has room for at
-least twice their number, and at least the depth given here: let that of a subscriber have it, too."""
+least twice their number, and at least the depth given here: let that of a subscriber have as
+much."""
 
 RECEIVED_BEGIN = """\
 A message that cannot be used is ignored, with a warning at most every 5 s for each topic.
