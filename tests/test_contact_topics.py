@@ -182,9 +182,9 @@ def test_obstacles_of_others_that_go_feel_nothing_any_more_and_are_forgotten(gra
             press.action = Marker.DELETE
             sender.publish(MarkerArray(markers=[press]))
         graph.spin_until(lambda forces=forces: not forces()[-1].any(), 'a message of zeros')
-    contacts = sim._contacts
-    assert set(contacts._was_in_contact) == {'ground', None}
-    assert set(contacts._means._obstacles) == {'ground', None}
+    # it may feel nothing before it goes, as the ball may bounce
+    for known in (sim._contacts._was_in_contact, sim._contacts._means._obstacles):
+        graph.spin_until(lambda known=known: set(known) == {'ground', None}, 'it to be forgotten')
 
 
 def test_as_many_as_there_can_be_find_room_in_the_queue_of_all(graph):
