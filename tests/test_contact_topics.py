@@ -159,7 +159,9 @@ def test_obstacles_and_points_of_others_are_felt_too(graph):
 
 @pytest.mark.parametrize('end', ['delete', 'lifetime'])
 def test_obstacles_of_others_that_go_feel_nothing_any_more_and_are_forgotten(graph, end):
-    sim = graph.sim_node(ball__subdivisions=1, ball__size=0.5, ball__position=[0.0, 0.0, 0.25])
+    sim = graph.sim_node(
+        ball__subdivisions=1, ball__size=0.5, ball__position=[0.0, 0.0, 0.5], ball__mode='rigid'
+    )
     felt = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts', 1000)
     sender = graph.node.create_publisher(MarkerArray, f'{SIM}/obstacles', 10)
     graph.spin_until(sender.get_subscription_count)
@@ -167,8 +169,9 @@ def test_obstacles_of_others_that_go_feel_nothing_any_more_and_are_forgotten(gra
         press = Marker(ns='press', id=number, type=Marker.CUBE)
         press.header.frame_id = 'world'
         press.pose.orientation.w = 1.0
-        press.pose.position.z = 0.5
-        press.scale.x = press.scale.y = press.scale.z = 0.2
+        # a plate that squeezes the ball as long as it is there, and lets it go without a jump
+        press.pose.position.z = 1.09
+        press.scale.x, press.scale.y, press.scale.z = 3.0, 3.0, 0.2
         press.lifetime.nanosec = 300_000_000 if end == 'lifetime' else 0
         sender.publish(MarkerArray(markers=[press]))
         frame = f'press/{number}'
@@ -176,13 +179,12 @@ def test_obstacles_of_others_that_go_feel_nothing_any_more_and_are_forgotten(gra
         def forces(frame=frame):
             return [force_of(each) for each in felt if each.header.frame_id == frame]
 
-        # with a lifetime, the zeros may be there before anybody looks
+        # it may have expired before anybody looks
         graph.spin_until(lambda forces=forces: any(each.any() for each in forces()))
         if end == 'delete':
             press.action = Marker.DELETE
             sender.publish(MarkerArray(markers=[press]))
         graph.spin_until(lambda forces=forces: not forces()[-1].any(), 'a message of zeros')
-    # it may feel nothing before it goes, as the ball may bounce
     for known in (sim._contacts._was_in_contact, sim._contacts._means._obstacles):
         graph.spin_until(lambda known=known: set(known) == {'ground', None}, 'it to be forgotten')
 
