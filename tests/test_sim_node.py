@@ -529,11 +529,17 @@ def test_clock_source_can_be_switched_at_run_time(graph):
     graph.spin_until(lambda: sim._world.tick > tick + 150)
 
 
+def step_client(graph):
+    """Return a client of ~/step, to call it without waiting."""
+    client = graph.node.create_client(Trigger, f'{SIM}/step')
+    graph.spin_until(client.service_is_ready)
+    return client
+
+
 def test_the_node_answers_while_it_takes_many_steps(graph):
     sim = graph.sim_node(**SMALL, step_count=1_000_000)
     paused(graph)
-    client = graph.node.create_client(Trigger, f'{SIM}/step')
-    graph.spin_until(client.service_is_ready)
+    client = step_client(graph)
     future = client.call_async(Trigger.Request())
     graph.spin_until(lambda: sim._world.tick > 10)
     assert graph.set_parameter(SIM, 'step_count', 3).successful
@@ -554,8 +560,7 @@ def test_the_node_answers_while_it_takes_many_steps(graph):
 def test_steps_that_end_before_the_first_are_answered_too(graph, end):
     sim = graph.sim_node(**SMALL)
     paused(graph)
-    client = graph.node.create_client(Trigger, f'{SIM}/step')
-    graph.spin_until(client.service_is_ready)
+    client = step_client(graph)
     (timer,) = (timer for timer in sim.timers if timer.timer_period_ns < SECOND)
     timer.cancel()  # else the step may be taken first
     tick, future = sim._world.tick, client.call_async(Trigger.Request())
@@ -573,8 +578,7 @@ def test_steps_that_end_before_the_first_are_answered_too(graph, end):
 def test_calls_of_step_add_up_to_a_limit(graph):
     sim = graph.sim_node(**SMALL, step_count=600_000)
     paused(graph)
-    client = graph.node.create_client(Trigger, f'{SIM}/step')
-    graph.spin_until(client.service_is_ready)
+    client = step_client(graph)
     first = client.call_async(Trigger.Request())
     graph.spin_until(lambda: sim._stepper.stepping)
     answer = graph.call(Trigger, f'{SIM}/step')

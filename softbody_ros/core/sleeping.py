@@ -257,6 +257,12 @@ def near_obstacle(boxes: Boxes, obstacle: Obstacle, reach: float | np.ndarray) -
     return (gap <= 0.0).all(axis=1)
 
 
+def touching(boxes: Boxes, index: int) -> np.ndarray:
+    """Return which boxes (B,) bool touch one of them; it does so itself."""
+    low, high = boxes
+    return ((low <= high[index]) & (low[index] <= high)).all(axis=1)
+
+
 def islands(count: int, one: np.ndarray, two: np.ndarray) -> np.ndarray:
     """
     Return the index (count,) of the island of each body: connected components of contact.

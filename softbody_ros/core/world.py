@@ -390,8 +390,7 @@ class World:
 
     def _touching(self, index: int) -> np.ndarray:
         """Return which bodies (B,) bool touch one: those asleep on top of it must fall."""
-        low, high = self._boxes()
-        return ((low <= high[index]) & (low[index] <= high)).all(axis=1)
+        return sleeping.touching(self._boxes(), index)
 
     def _wake_near(self, changed: Iterable[Obstacle]) -> None:
         """Wake the bodies near obstacles, given at their old and new poses."""
@@ -979,13 +978,11 @@ class World:
         """Let bodies follow obstacles that hold them, see `Holders.follow`."""
         if not self._holders:
             return
-        # before they are placed elsewhere with their obstacle
-        low, high = self._boxes() if placed else np.zeros((2, 0, 3))
+        # before they are placed elsewhere with their obstacle, if anybody may sleep
+        boxes = self._boxes() if placed and self._state.still_samples.any() else None
         moved, lost = self._holders.follow(self.obstacles, self.obstacle_keys, placed)
         for index in moved + lost:
-            if placed:
-                self._wake(((low <= high[index]) & (low[index] <= high)).all(axis=1))
-            self._wake(index)
+            self._wake(index if boxes is None else sleeping.touching(boxes, index))
         if lost:
             self._use_pins()
 
