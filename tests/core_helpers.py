@@ -219,3 +219,35 @@ def wrinkle(q, weights):
     known = np.stack([ones, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
     root = np.sqrt(weights)[:, None]
     return pattern - known @ np.linalg.lstsq(root * known, root * pattern, rcond=None)[0]
+
+
+def totals(world):
+    """Return momentum (3,), angular momentum about the origin (3,) and kinetic energy of all."""
+    linear, angular, energy = np.zeros(3), np.zeros(3), 0.0
+    for config in world.config.bodies:
+        weights = config.mass * world.rest_shape(config.name).weights.astype(float)
+        x, v = (f(config.name).astype(float) for f in (world.positions, world.velocities))
+        linear += weights @ v
+        angular += weights @ np.cross(x, v)
+        energy += 0.5 * weights @ np.sum(v**2, axis=1)
+    return linear, angular, energy
+
+
+def sizes(world):
+    """Return what momentum and angular momentum could at most be: to compare changes with."""
+    linear = angular = 0.0
+    for config in world.config.bodies:
+        weights = config.mass * world.rest_shape(config.name).weights.astype(float)
+        speed = np.linalg.norm(world.velocities(config.name), axis=1)
+        linear += weights @ speed
+        angular += weights @ (speed * np.linalg.norm(world.positions(config.name), axis=1))
+    return linear, angular
+
+
+def assert_kept(world, before, scale, tolerance=1e-9):
+    """Assert that momentum and angular momentum are those before."""
+    after = totals(world)
+    # bodies at rest that are put into each other have no momentum before to compare with, but
+    # forces: up to half a meganewton, of which the rounding remains
+    assert np.linalg.norm(after[0] - before[0]) <= tolerance * scale[0] + 1e-11
+    assert np.linalg.norm(after[1] - before[1]) <= tolerance * scale[1] + 1e-11

@@ -7,6 +7,7 @@ import itertools
 
 from core_helpers import (
     assert_goes_on_bit_by_bit,
+    assert_kept,
     body,
     bytes_of,
     centre,
@@ -15,7 +16,9 @@ from core_helpers import (
     momentum,
     random_rotation,
     sheet,
+    sizes,
     thin_bin,
+    totals,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,38 +36,6 @@ GAIN = 1.0 + 1e-12, 1.05
 
 
 # --------------------------------------------------------------------------------- measurements
-def totals(world):
-    """Return momentum (3,), angular momentum about the origin (3,) and kinetic energy of all."""
-    linear, angular, energy = np.zeros(3), np.zeros(3), 0.0
-    for config in world.config.bodies:
-        weights = config.mass * world.rest_shape(config.name).weights.astype(float)
-        x, v = (f(config.name).astype(float) for f in (world.positions, world.velocities))
-        linear += weights @ v
-        angular += weights @ np.cross(x, v)
-        energy += 0.5 * weights @ np.sum(v**2, axis=1)
-    return linear, angular, energy
-
-
-def sizes(world):
-    """Return what momentum and angular momentum could at most be: to compare changes with."""
-    linear = angular = 0.0
-    for config in world.config.bodies:
-        weights = config.mass * world.rest_shape(config.name).weights.astype(float)
-        speed = np.linalg.norm(world.velocities(config.name), axis=1)
-        linear += weights @ speed
-        angular += weights @ (speed * np.linalg.norm(world.positions(config.name), axis=1))
-    return linear, angular
-
-
-def assert_kept(world, before, scale, tolerance=1e-9):
-    """Assert that momentum and angular momentum are those before."""
-    after = totals(world)
-    # bodies at rest that are put into each other have no momentum before to compare with, but
-    # forces: up to half a meganewton, of which the rounding remains
-    assert np.linalg.norm(after[0] - before[0]) <= tolerance * scale[0] + 1e-11
-    assert np.linalg.norm(after[1] - before[1]) <= tolerance * scale[1] + 1e-11
-
-
 def gap_speed(world):
     """Return how fast the two bodies of a world part along the line between them, m/s."""
     way = centre(world, 'two') - centre(world, 'one')
@@ -130,8 +101,9 @@ def test_equal_bodies_rebound_alike_and_keep_what_is_to_be_kept(mesh, mode):
         assert np.linalg.norm(after[0]) <= 1e-12 * scale[0]
         assert np.linalg.norm(after[1] - before[1]) <= 1e-11 * scale[1]
         assert after[2] <= before[2] * most
+        # contacts of edges: those of one and two are solved in another order, to 1e-10 a tick
         assert world.positions('two') == pytest.approx(
-            world.positions('one') * half_turn, abs=1e-9
+            world.positions('one') * half_turn, abs=1e-9 if mode == 'rigid' else 5e-8
         )
         met |= after[2] < 0.99 * before[2]
     assert met

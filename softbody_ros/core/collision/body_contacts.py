@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts between bodies, and of points with bodies: broad phase, then narrow phase."""
+"""
+Contacts between bodies, and of points with bodies.
+
+Broad phase, then narrow phase: particles and points with faces; and edges with edges.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ from softbody_ros.core.collision.broad_phase import (
     find_points,
 )
 from softbody_ros.core.collision.collision_surface import SurfaceArrays
+from softbody_ros.core.collision.edge_contacts import find_edge_contacts
 from softbody_ros.core.collision.narrow_phase import CONTACT, find_contacts
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.bounding_boxes import bound_body, overlapping_codes
@@ -138,12 +143,18 @@ def find_contacts_of_pairs(
         if number <= len(candidates):
             break
         candidates = np.empty(number, CANDIDATE)
-    contacts = np.empty(number, CONTACT)
+    none = np.empty(0, CONTACT)
+    crossings = find_edge_contacts(bodies, chosen, shapes, surfaces, x, codes, low, high, none, 0)
+    contacts = np.empty(number + crossings, CONTACT)
     found = find_contacts(
         bodies, chosen, shapes, q, surfaces.surfaces, surfaces.faces, surfaces.piece_of_face,
         surfaces.normals, surfaces.origins, surfaces.trees, x, match_centre, match_posture,
         candidates[:number], contacts,
     )  # fmt: skip
+    if crossings > 0:
+        found = find_edge_contacts(
+            bodies, chosen, shapes, surfaces, x, codes, low, high, contacts, found
+        )
     return contacts[:found], number
 
 

@@ -13,20 +13,27 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from softbody_ros.core.geometry.bvh import SurfaceTree, Trees, make_tree, pack
+from softbody_ros.core.geometry.mesh_edges import edges_of
 from softbody_ros.core.geometry.surface import vertex_normals
 from softbody_ros.core.shape_matching.regions import Regions
 from softbody_ros.core.shape_matching.rest_shape import RestShape
 
 NEIGHBOURS = 2.0
 """Distance, in edge lengths, within which a particle and a face of one body are neighbours."""
+SHARP = 0.1
+"""Length of an edge times the sine of half its bend, in RMS radii, from which it may touch others:
+about a quarter of that two edges could cross before a vertex of one meets a face of the other."""
 
 SURFACE = np.dtype(
     [
         ('closed', np.bool_),  # whether it has an inside
         ('neighbours', np.float64),  # distance of neighbours, in RMS radii
+        ('thinness', np.float64),  # enclosed volume over area, m: half of a plate's thickness
         # indices into the arrays of `SurfaceArrays`
         ('first_particle', np.int64),
         ('first_face', np.int64),
+        ('first_edge', np.int64),
+        ('edges', np.int64),  # number of sharp ones
         ('first_piece', np.int64),
         ('pieces', np.int64),
         ('first_origin', np.int64),
@@ -139,6 +146,37 @@ class CollisionSurface:
         return NEIGHBOURS * edge / self.rest.scale
 
     @cached_property
+    def sharp_edges(self) -> np.ndarray:
+        """
+        (e, 4) int: convex edges that are long and bent, as `SHARP` says, of a closed surface.
+
+        Their two ends, and the third corners of the two triangles there.
+        """
+        vertices, faces = self.rest.surface.vertices, self.rest.surface.faces
+        if not self.closed:
+            return np.zeros((0, 4), np.int32)
+        edges = edges_of(faces)
+        triangles, edge = edges.pairs()
+        ends = edges.ends[edge]
+        corners = np.concatenate(
+            [ends, faces[triangles].sum(axis=2) - ends.sum(axis=1, keepdims=True)], axis=1
+        )
+        a, b, c = vertices[faces[triangles]].transpose(2, 0, 1, 3)
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300)
+        start, end, _, beyond = vertices[corners].transpose(1, 0, 2)
+        cosine = (normals[:, 0] * normals[:, 1]).sum(axis=1)
+        bend = np.sqrt(0.5 * np.maximum(1.0 - cosine, 0.0))
+        is_long = np.linalg.norm(end - start, axis=1) * bend >= SHARP * self.rest.scale
+        is_convex = (normals[:, 0] * (beyond - start)).sum(axis=1) < 0.0
+        return corners[is_long & is_convex].astype(np.int32)
+
+    @property
+    def thinness(self) -> float:
+        """Enclosed volume of a closed surface over its area, m: half of a plate's thickness."""
+        return self.rest.volume / float(self.rest.areas.sum()) if self.closed else 0.0
+
+    @cached_property
     def tree(self) -> SurfaceTree:
         """Bounding-volume hierarchy of its faces."""
         return make_tree(self.rest.surface)
@@ -157,6 +195,8 @@ class SurfaceArrays(NamedTuple):
     faces : (m, 3) int
         indices of particles in the body
     piece_of_face : (m,) int
+    edges : (e, 4) int
+        sharp ones, see `CollisionSurface.sharp_edges`: indices of particles in the body
     may_collide : (s,) bool
         the matrices P × P of all surfaces, row by row
     normals : (n, 3) float
@@ -173,6 +213,7 @@ class SurfaceArrays(NamedTuple):
     covered: np.ndarray
     faces: np.ndarray
     piece_of_face: np.ndarray
+    edges: np.ndarray
     may_collide: np.ndarray
     normals: np.ndarray
     origins: np.ndarray
@@ -204,6 +245,7 @@ class CollisionSurfaces:
             'covered': [np.zeros(0, np.int64)],
             'faces': [np.zeros((0, 3), np.int32)],
             'piece_of_face': [np.zeros(0, np.int32)],
+            'edges': [np.zeros((0, 4), np.int32)],
             'may_collide': [np.zeros(0, bool)],
             'normals': [np.zeros((0, 3))],
             'origins': [np.zeros((0, 3))],
@@ -222,7 +264,8 @@ class CollisionSurfaces:
                 continue
             record['closed'], record['neighbours'] = surface.closed, surface.neighbours
             record['first_particle'] = counts['particles']
-            record['first_face'] = counts['faces']
+            record['thinness'], record['edges'] = surface.thinness, len(surface.sharp_edges)
+            record['first_face'], record['first_edge'] = counts['faces'], counts['edges']
             record['first_piece'] = counts['pieces']
             record['first_may_collide'] = counts['may_collide']
             covered, begin = surface.covered
@@ -237,6 +280,7 @@ class CollisionSurfaces:
             put('covered', covered)
             put('faces', surface.rest.surface.faces)
             put('piece_of_face', surface.piece_of_face.astype(np.int32))
+            put('edges', surface.sharp_edges)
             put('may_collide', surface.may_collide.ravel())
             put('normals', surface.normals)
             if surface.closed:

@@ -46,17 +46,19 @@ CONTACT = np.dtype(
     [
         ('body', np.int64),  # see `broad_phase.CANDIDATE`
         ('other', np.int64),  # index of the body of the face
+        ('edges', np.int64),  # number of its pair of edges, see `edge_contacts`, or −1
         # columns of `x` of the particle and of the corners of the face, for points the number in
-        # their set; and the coefficients of their difference: 1, minus barycentric coordinates
+        # their set; and the coefficients of their difference: 1, minus barycentric coordinates.
+        # Or of the ends of both edges
         ('particles', np.int64, (4,)),
         ('coefficients', np.float64, (4,)),
-        ('point', np.float64, (3,)),  # position of the particle, m
-        ('normal', np.float64, (3,)),  # outward normal of the face
+        ('point', np.float64, (3,)),  # of the particle; midpoint of edges, m
+        ('normal', np.float64, (3,)),  # outward normal of the face, or of the second edge
         ('depth', np.float64),  # by which the distance is less than both reaches, m
     ],
     align=True,
 )
-"""A contact of a particle with a face of another body, or of its own."""
+"""A contact of a particle with a face of another body, or of its own; or of two edges."""
 
 
 @helper
@@ -164,7 +166,7 @@ def find_contacts(
             continue
 
         contact = contacts[found]
-        contact['body'], contact['other'] = owner, other
+        contact['body'], contact['other'], contact['edges'] = owner, other, -1
         contact['particles'][0] = particle
         if is_movable:
             contact['particles'][0] += bodies[awake[owner]]['first']

@@ -176,15 +176,18 @@ def find_rows(
 
 @helper
 def pairs_of(contacts: np.ndarray, count: int) -> np.ndarray:
-    """Return the pairs of bodies of contacts, which are in the order of these."""
-    codes, found, last = np.empty(len(contacts), np.int64), 0, -1
+    """Return the pairs of bodies of contacts, in order."""
+    codes, found = np.empty(len(contacts), np.int64), 0
     for contact in contacts:
         one, two = contact['body'], contact['other']
         code = count * min(one, two) + max(one, two)
-        if one < count and code != last:
-            codes[found], last = code, code
+        if one < count and (found == 0 or code != codes[found - 1]):
+            codes[found] = code
             found += 1
-    return codes[:found]
+    # those of edges follow all others
+    codes = codes[:found]
+    codes.sort()
+    return codes
 
 
 @kernel
@@ -424,13 +427,19 @@ def find_rows_of_body(
 
 @helper
 def may_yield(contact: np.void, members: np.ndarray, is_pinned: np.ndarray) -> bool:
-    """Return whether a particle, or the face that it touches, is not held by pins."""
+    """Return whether one side of a contact is not held by pins."""
     owner, particles = contact['body'], contact['particles']
-    if owner < len(members) and not is_held(members[owner]) and not is_pinned[particles[0]]:
-        return True
+    own = 1 if contact['edges'] < 0 else 2
+    if owner < len(members) and not is_held(members[owner]):
+        for corner in range(own):
+            if not is_pinned[particles[corner]]:
+                return True
     if is_held(members[contact['other']]):
         return False
-    return not (is_pinned[particles[1]] and is_pinned[particles[2]] and is_pinned[particles[3]])
+    for corner in range(own, 4):
+        if not is_pinned[particles[corner]]:
+            return True
+    return False
 
 
 @helper

@@ -11,6 +11,7 @@ import numpy as np
 from softbody_ros.core.body import IDENTITIES, RIGID
 from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.compiled import helper
+from softbody_ros.core.geometry.surface import LARGEST_MESH
 from softbody_ros.core.geometry.vectors import (
     ZERO,
     Matrix,
@@ -23,6 +24,7 @@ from softbody_ros.core.geometry.vectors import (
     dot,
     matrix_of,
     minus,
+    norm,
     plus,
     put_vector,
     scaled,
@@ -99,6 +101,7 @@ ROW = np.dtype(
         ('softness', np.float64),  # of its compliance, relative to the mean: few on little area
         ('elasticity', np.float64),
         ('of_face', np.bool_),  # whether the normal is that of a face of the first side
+        ('of_edges', np.bool_),  # whether it is that of an edge of each side
         # of its solution, see `positions` and `velocities`
         ('positional', np.float64, (3,)),  # force that is constant over the tick, N
         ('free', np.float64, (2,)),  # slip, or its speed, that viscous friction reduces
@@ -123,6 +126,8 @@ MEMORY = np.dtype(
 NO_MEMORY = np.zeros(0, MEMORY)
 OWNER, PARTNER = 1 << 23, 1 << 42
 """Factors of their `id` in the key of a contact, beyond the numbers of particles and of owners."""
+EDGES = OWNER - LARGEST_MESH
+"""Pairs of edges of two bodies that keys tell apart: all, of up to 2000 sharp ones of each."""
 OF_BODIES, OF_POINTS = 1 << 61, 1 << 62
 """Kinds of contacts in their keys; those with obstacles have none."""
 
@@ -138,7 +143,7 @@ def key_of(kind: int, partner: int, owner: int, particle: int) -> int:
     partner, owner : int
         `id` of the obstacle or body, and of the body that has the particle
     particle : int
-        of that body
+        of that body, or from `LARGEST_MESH` on a pair of its edges and those of the partner
 
     """
     return kind + partner * PARTNER + owner * OWNER + particle
@@ -311,7 +316,7 @@ def put_obstacle_row(
     surface = plus(velocity_at(obstacle, touched), belt)
     put_vector(row['other_velocity'], surface)
     put_laws(row, body, obstacle['friction'], obstacle['elasticity'])
-    row['of_face'] = False
+    row['of_face'] = row['of_edges'] = False
     row['softness'] = softness_of(weight, body['surface'])
     return minus(column_of(v[body['now']], column), surface)
 
@@ -352,7 +357,11 @@ def end_normal(row: np.void, members: np.ndarray) -> Vector:
     """Return the normal of a contact after the tick: that of a face turns with its body."""
     normal = vector_of(row['normal'])
     if row['two'] >= 0:
-        return applied(matrix_of(members[row['two']]['rotation']), normal)
+        turned = applied(matrix_of(members[row['two']]['rotation']), normal)
+        if row['of_edges']:
+            turned = plus(turned, applied(matrix_of(members[row['one']]['rotation']), normal))
+            turned = scaled(1.0 / norm(turned), turned)
+        return turned
     if row['of_face']:
         return applied(matrix_of(members[row['one']]['rotation']), normal)
     return normal
@@ -515,7 +524,7 @@ def put_face_row(
     h: float,
 ) -> Vector:
     """
-    Write the row of a contact of a particle, or a point, with a face of a body.
+    Write the row of a contact of a particle, or a point, with a face of a body, or of two edges.
 
     Returns
     -------
@@ -528,21 +537,34 @@ def put_face_row(
     begin_sides(row)
     if owner < len(members):
         one = bodies[members[owner]['body']]
-        column = contact['particles'][0]
-        velocity = put_face(row, 1, contact, body, x, v, flown)
+        is_face = contact['edges'] < 0
+        own = 1 if is_face else 2
+        velocity = put_corners(row, 0, contact, 0, own, one, x, v, flown)
+        other_velocity = put_corners(row, 1, contact, own, 4, body, x, v, flown)
         row['one'], row['two'], row['obstacle'], row['of_face'] = owner, other, -1, False
-        row['key'] = key_of(OF_BODIES, body['id'], one['id'], column - one['first'])
-        row['column'] = column
+        row['of_edges'] = not is_face
+        nearest = 1 if contact['coefficients'][1] > 0.5 else 0
+        column = contact['particles'][nearest]
+        number = column - one['first'] if is_face else LARGEST_MESH + contact['edges'] % EDGES
+        row['key'] = key_of(OF_BODIES, body['id'], one['id'], number)
+        # forces on edges of deformable bodies are those on both of their ends
+        row['column'] = column if is_face or one['mode'] == RIGID else -1
         weight = weights[shapes[one['shape']]['first'] + column - one['first']]
         row['softness'] = softness_of(weight, one['surface'])
+        if not is_face:
+            nearest = 3 if contact['coefficients'][3] < -0.5 else 2
+            place = contact['particles'][nearest] - body['first']
+            weight = weights[shapes[body['shape']]['first'] + place]
+            row['softness'] = 0.5 * (row['softness'] + softness_of(weight, body['surface']))
         row['gap'] = members[owner]['margin'] + members[other]['margin'] - contact['depth']
-        put_body_row(row, contact, one, body, x, flown)
-        return minus(column_of(v[one['now']], column), velocity)
-    velocity = put_face(row, 0, contact, body, x, v, flown)
+        put_body_row(row, contact, one, body)
+        return minus(velocity, other_velocity)
+    velocity = put_corners(row, 0, contact, 1, 4, body, x, v, flown)
     number = owner - len(members)
     row['one'], row['two'], row['obstacle'], row['of_face'] = (
         other, -1, sets[number]['obstacle'], True,
     )  # fmt: skip
+    row['of_edges'] = False
     row['key'] = key_of(OF_POINTS, number, body['id'], contact['particles'][0])
     row['column'], row['softness'] = -1, 1.0
     row['gap'] = members[other]['margin'] - contact['depth']
@@ -551,19 +573,21 @@ def put_face_row(
 
 
 @helper
-def put_face(
+def put_corners(
     row: np.void,
     side: int,
     contact: np.void,
+    first: int,
+    last: int,
     body: np.void,
     x: np.ndarray,
     v: np.ndarray,
     flown: np.ndarray,
 ) -> Vector:
-    """Write the side of a contact that is a face of a body; return its velocity, m/s."""
+    """Write the corners of one side of a contact; return its velocity, m/s."""
     start, velocities, velocity = x[1 - body['now']], v[body['now']], ZERO
-    for corner in range(1, 4):
-        column, share = contact['particles'][corner], -contact['coefficients'][corner]
+    for corner in range(first, last):
+        column, share = contact['particles'][corner], abs(contact['coefficients'][corner])
         velocity = along(velocity, share, column_of(velocities, column))
         at = column_of(start, column)
         add_side(row, side, corner, share, column, at, body, x, flown)
@@ -572,20 +596,11 @@ def put_face(
 
 
 @helper
-def put_body_row(
-    row: np.void,
-    contact: np.void,
-    one: np.void,
-    two: np.void,
-    x: np.ndarray,
-    flown: np.ndarray,
-) -> None:
-    """Write the side of a particle of another body, and the laws of both materials."""
+def put_body_row(row: np.void, contact: np.void, one: np.void, two: np.void) -> None:
+    """Write the normal and the gap between two bodies, and the laws of both materials."""
     normal = vector_of(contact['normal'])
     put_vector(row['normal'], normal)
     put_vector(row['other_velocity'], ZERO)
-    point = vector_of(contact['point'])
-    add_side(row, 0, 0, 1.0, contact['particles'][0], point, one, x, flown)
     offset = minus(vector_of(row['offsets'][0]), vector_of(row['offsets'][1]))
     row['gap'] += dot(normal, offset)
     coulomb = one['coulomb'] or two['coulomb']

@@ -112,8 +112,8 @@ def change_velocities(
     for k in range(len(rows)):
         row = rows[k]
         impulse = scaled(2.0 / h, in_world(row, row['force']))
-        end = moved(row, 0, members[row['one']], particles)
-        middle = scaled(0.5, plus(start_of(row), end))
+        start, end = path_of(row, members, particles)
+        middle = scaled(0.5, plus(start, end))
         for side in range(2):
             index, sign = side_of(row, side)
             if index >= 0:
@@ -137,6 +137,22 @@ def change_velocities(
         total = member['impulse'][1]
         put_vector(total, along(vector_of(total), share, twist))
     add_momenta(members)
+
+
+@helper
+def path_of(row: np.void, members: np.ndarray, particles: np.ndarray) -> tuple[Vector, Vector]:
+    """
+    Return where a contact was before the tick, and is after it, m.
+
+    On the first side, which has the particle; of two edges midway between both sides.
+    """
+    start, end = start_of(row), moved(row, 0, members[row['one']], particles)
+    if not row['of_edges']:
+        return start, end
+    other_end = moved(row, 1, members[row['two']], particles)
+    other_start = plus(vector_of(row['point']), vector_of(row['offsets'][1]))
+    other_start = minus(other_start, vector_of(row['other_motion']))
+    return scaled(0.5, plus(start, other_start)), scaled(0.5, plus(end, other_end))
 
 
 @helper

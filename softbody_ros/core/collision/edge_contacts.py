@@ -1,0 +1,256 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Contacts of edges of a body with edges of another one.
+
+Two planks that cross touch with no vertex. Two edges are a contact if a plane through both has the
+faces of one body on its one side, and those of the other one on the other: then it parts the
+bodies there (the test of the Gauss map: Gregorius, The Separating Axis Test between Convex
+Polyhedra, GDC 2013, for what is near, so that bodies need not be convex).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softbody_ros.core.collision.collision_surface import SurfaceArrays
+from softbody_ros.core.collision.narrow_phase import particle_at
+from softbody_ros.core.compiled import helper
+from softbody_ros.core.geometry.vectors import (
+    Vector,
+    along,
+    cross,
+    dot,
+    minus,
+    norm,
+    plus,
+    put_vector,
+    scaled,
+)
+
+PARALLEL = 0.05
+"""Sine of the angle between edges up to which there is none: vertices near their ends touch."""
+SUPPORT = 0.1
+"""Sine of the angle by which a face may be beyond the plane through both edges: flush faces are in
+that plane."""
+AT_END = 1e-3
+"""Distance of a contact from the ends of its edges, in RMS radii, at least: vertices touch there,
+and where a body slides from one to the next of equal height, its edges must not catch."""
+
+
+@helper
+def find_edge_contacts(
+    bodies: np.ndarray,
+    chosen: np.ndarray,
+    shapes: np.ndarray,
+    surfaces: SurfaceArrays,
+    x: np.ndarray,
+    codes: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    contacts: np.ndarray,
+    found: int,
+) -> int:
+    """
+    Write the contacts of sharp edges with each other; return their number, even beyond capacity.
+
+    Parameters
+    ----------
+    bodies : (B,) BODY
+        with their `reach`
+    chosen : (c,) int
+        which of them
+    shapes : (R,) SHAPE
+    surfaces : SurfaceArrays
+    x : (2, 3, N) float
+        m
+    codes : (p,) int
+        pairs of bodies, as `overlapping_codes`
+    low, high : (c, 3) float
+        boxes of bodies with their reach, m
+    contacts : (j,) CONTACT
+        written
+    found : int
+        number of contacts before
+
+    """
+    most, near = 0, np.empty(0, np.int64)
+    for index in chosen:
+        most = max(most, surfaces.surfaces[bodies[index]['shape']]['edges'])
+    if most == 0:
+        return found
+    near = np.empty(most, np.int64)
+    for code in codes:
+        first, second = code // len(chosen), code % len(chosen)
+        one, two = bodies[chosen[first]], bodies[chosen[second]]
+        of_one, of_two = surfaces.surfaces[one['shape']], surfaces.surfaces[two['shape']]
+        if first == second or of_one['edges'] == 0 or of_two['edges'] == 0:
+            continue
+        least, largest = common_box(low[first], high[first], low[second], high[second])
+        count = edges_in_box(two, of_two, surfaces.edges, x, least, largest, near)
+        if count == 0:
+            continue
+        scale = min(shapes[one['shape']]['scale'], shapes[two['shape']]['scale'])
+        deepest = min(of_one['thinness'], of_two['thinness'])
+        for number in range(of_one['edges']):
+            edge = surfaces.edges[of_one['first_edge'] + number]
+            if not is_in_box(one, edge, x, least, largest):
+                continue
+            for place in near[:count]:
+                other = surfaces.edges[place]
+                touches, s, t, normal, gap = closest_points(one, edge, two, other, x, scale)
+                if not touches or gap >= one['reach'] + two['reach']:
+                    continue
+                if gap_before(one, edge, s, two, other, t, normal, x) < -deepest:
+                    continue
+                if found < len(contacts):
+                    contact = contacts[found]
+                    contact['body'], contact['other'] = first, second
+                    contact['edges'] = number * of_two['edges'] + place - of_two['first_edge']
+                    for end in range(2):
+                        contact['particles'][end] = one['first'] + edge[end]
+                        contact['particles'][2 + end] = two['first'] + other[end]
+                    contact['coefficients'][0], contact['coefficients'][1] = 1.0 - s, s
+                    contact['coefficients'][2], contact['coefficients'][3] = t - 1.0, -t
+                    point = point_on(x, 1 - one['now'], one, edge, s)
+                    put_vector(contact['point'], along(point, -0.5 * gap, normal))
+                    put_vector(contact['normal'], normal)
+                    contact['depth'] = one['reach'] + two['reach'] - gap
+                found += 1
+    return found
+
+
+@helper
+def common_box(
+    low: np.ndarray, high: np.ndarray, other_low: np.ndarray, other_high: np.ndarray
+) -> tuple[Vector, Vector]:
+    """Return the corners of what two boxes have in common, m."""
+    return (
+        (max(low[0], other_low[0]), max(low[1], other_low[1]), max(low[2], other_low[2])),
+        (min(high[0], other_high[0]), min(high[1], other_high[1]), min(high[2], other_high[2])),
+    )
+
+
+@helper
+def edges_in_box(body, surface, edges, x, low, high, near):  # type: ignore[no-untyped-def]
+    """Write the indices of edges of a body in a box, and return their number."""
+    count = 0
+    for place in range(surface['first_edge'], surface['first_edge'] + surface['edges']):
+        if is_in_box(body, edges[place], x, low, high):
+            near[count] = place
+            count += 1
+    return count
+
+
+@helper
+def is_in_box(body: np.void, edge: np.ndarray, x: np.ndarray, low: Vector, high: Vector) -> bool:
+    """Return whether the box around an edge overlaps another box."""
+    half, first, last = 1 - body['now'], body['first'] + edge[0], body['first'] + edge[1]
+    for axis in range(3):
+        one, two = x[half, axis, first], x[half, axis, last]
+        if max(one, two) < low[axis] or min(one, two) > high[axis]:
+            return False
+    return True
+
+
+@helper
+def closest_points(
+    one: np.void,
+    edge: np.ndarray,
+    two: np.void,
+    other: np.ndarray,
+    x: np.ndarray,
+    scale: float,
+) -> tuple[bool, float, float, Vector, float]:
+    """
+    Return where two edges are nearest to each other, if they touch or may do so.
+
+    Parameters
+    ----------
+    one, two : BODY
+    edge, other : (4,) int
+        see `CollisionSurface.sharp_edges`
+    x : (2, 3, N) float
+        m
+    scale : float
+        smaller RMS radius, m
+
+    Returns
+    -------
+    touches : bool
+        whether a plane through both parts the faces at them, and they are not near their ends
+    s, t : float
+        where on the edges, from 0 to 1
+    normal : vector
+        of that plane, from the second body to the first
+    gap : float
+        along it, m; negative where the bodies overlap
+
+    """
+    half, other_half = 1 - one['now'], 1 - two['now']
+    start, begin = corner_at(x, half, one, edge, 0), corner_at(x, other_half, two, other, 0)
+    way = minus(corner_at(x, half, one, edge, 1), start)
+    other_way = minus(corner_at(x, other_half, two, other, 1), begin)
+    normal, offset = cross(way, other_way), minus(begin, start)
+    square, length, other_length = dot(normal, normal), norm(way), norm(other_way)
+    if not square > (PARALLEL * length * other_length) ** 2:
+        return False, 0.0, 0.0, normal, 0.0
+    s = dot(cross(offset, other_way), normal) / square
+    t = dot(cross(offset, way), normal) / square
+    inside = min(min(s, 1.0 - s) * length, min(t, 1.0 - t) * other_length)
+    if inside < AT_END * scale:
+        return False, s, t, normal, 0.0
+    normal = scaled(1.0 / np.sqrt(square), normal)
+    lower = height_of_faces(normal, two, other, begin, other_way, x)
+    upper = height_of_faces(scaled(-1.0, normal), one, edge, start, way, x)
+    if lower > SUPPORT or upper > SUPPORT:
+        normal = scaled(-1.0, normal)
+        lower = height_of_faces(normal, two, other, begin, other_way, x)
+        upper = height_of_faces(scaled(-1.0, normal), one, edge, start, way, x)
+        if lower > SUPPORT or upper > SUPPORT:
+            return False, s, t, normal, 0.0
+    gap = dot(normal, minus(along(start, s, way), along(begin, t, other_way)))
+    # what overlaps more than the ends of the edges do gets out past these
+    return gap >= -inside, s, t, normal, gap
+
+
+@helper
+def corner_at(x: np.ndarray, half: int, body: np.void, edge: np.ndarray, corner: int) -> Vector:
+    """Return the position of an end of an edge, or of a third corner of its triangles, m."""
+    return particle_at(x, half, body['first'] + edge[corner])
+
+
+@helper
+def height_of_faces(
+    normal: Vector, body: np.void, edge: np.ndarray, start: Vector, way: Vector, x: np.ndarray
+) -> float:
+    """Return how far the faces at an edge rise over a plane through it: the larger sine."""
+    largest, length = -1.0, norm(way)
+    for corner in range(2, 4):
+        offset = minus(corner_at(x, 1 - body['now'], body, edge, corner), start)
+        distance = norm(cross(offset, way)) / length
+        largest = max(largest, dot(normal, offset) / max(distance, 1e-300))
+    return largest
+
+
+@helper
+def point_on(x: np.ndarray, half: int, body: np.void, edge: np.ndarray, share: float) -> Vector:
+    """Return a point of an edge, m."""
+    start = scaled(1.0 - share, corner_at(x, half, body, edge, 0))
+    return plus(start, scaled(share, corner_at(x, half, body, edge, 1)))
+
+
+@helper
+def gap_before(
+    one: np.void,
+    edge: np.ndarray,
+    s: float,
+    two: np.void,
+    other: np.ndarray,
+    t: float,
+    normal: Vector,
+    x: np.ndarray,
+) -> float:
+    """Return the distance along the normal, m, of the same points before the tick."""
+    apart = minus(point_on(x, one['now'], one, edge, s), point_on(x, two['now'], two, other, t))
+    return dot(normal, apart)

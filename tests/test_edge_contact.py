@@ -1,0 +1,162 @@
+# SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Coarse bodies touch with their edges: crossed planks have no vertex where they meet."""
+
+from core_helpers import (
+    assert_goes_on_bit_by_bit,
+    assert_kept,
+    body,
+    centre,
+    floating,
+    momentum,
+    sizes,
+    totals,
+)
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from solids import box
+
+from softbody_ros.core import World, WorldConfig
+
+MODES = ('rigid', 'linear', 'quadratic')
+PLANK = 1.0, 0.2, 0.2
+
+
+def plank(name, position, turn=(0.0, 0.0, 0.0), size=PLANK, **values):
+    """Return a box of 8 vertices, turned by a rotation vector in degrees."""
+    orientation = Rotation.from_rotvec(turn, degrees=True).as_quat()
+    return body(name=name, mesh=box(size), mesh_scale=1.0, position=position,
+                orientation=orientation, **values)  # fmt: skip
+
+
+def on_ground(*bodies, h=1 / 120):
+    return World(WorldConfig(time_step=h, bodies=bodies))
+
+
+def weight_on(world, name):
+    return world.contact_wrench(name)[0] / 9.81
+
+
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240])
+@pytest.mark.parametrize('angle', [90.0, 30.0, 4.0])
+@pytest.mark.parametrize('mode', MODES)
+def test_a_plank_lies_across_another_one(mode, angle, h):
+    # of 1 kg each; soft ones bend and flatten under their weight
+    lower = plank('lower', (0.0, 0.0, 0.1), mode=mode)
+    upper = plank('upper', (0.0, 0.0, 0.32), (0.0, 0.0, angle), mode=mode)
+    world = on_ground(lower, upper, h=h)
+    world.step(round(3 / h))
+    assert centre(world, 'upper')[:2] == pytest.approx(0.0, abs=1e-3)
+    assert weight_on(world, 'upper') == pytest.approx([0.0, 0.0, 1.0], abs=2e-3)
+    if mode == 'rigid':
+        assert centre(world, 'upper')[2] == pytest.approx(0.3, abs=1e-5)
+        assert world.is_asleep('upper')
+    else:
+        assert centre(world, 'upper')[2] > 0.28
+
+
+@pytest.mark.parametrize('mode', ['rigid', 'quadratic'])
+def test_layers_of_laths_stand_and_fall_asleep(mode):
+    width = 0.08
+    bodies = []
+    for layer in range(4):
+        for place in range(3):
+            x, y = (0.35 * (place - 1), 0.0) if layer % 2 else (0.0, 0.35 * (place - 1))
+            bodies.append(
+                plank(
+                    f'lath_{layer}_{place}',
+                    (x, y, width * (layer + 0.5)),
+                    (0.0, 0.0, 90.0 * (layer % 2)),
+                    size=(1.0, width, width),
+                    mode=mode,
+                )
+            )
+    world = on_ground(*bodies)
+    world.step(480)
+    assert all(world.is_asleep(config.name) for config in bodies)
+    heights = [centre(world, f'lath_{layer}_1')[2] for layer in range(4)]
+    sag = 1e-5 if mode == 'rigid' else 0.2 * width
+    assert np.diff(heights) == pytest.approx(width, abs=sag)
+
+
+@pytest.mark.parametrize('mode', ['rigid', 'quadratic'])
+def test_a_plank_balances_on_a_narrow_pier(mode):
+    # the vertices of the plank are beyond the pier, those of the pier beside the plank
+    pier = plank('pier', (0.0, 0.0, 0.3), size=(0.2, 0.6, 0.6), mode='rigid',
+                 pins_box=(-0.1, -0.3, -0.3, 0.1, 0.3, 0.3))  # fmt: skip
+    world = on_ground(pier, plank('plank', (0.05, 0.0, 0.65), size=(1.0, 0.4, 0.1), mode=mode))
+    world.step(240)
+    assert centre(world, 'plank') == pytest.approx((0.05, 0.0, 0.65), abs=1e-3)
+    assert world.is_asleep('plank')
+
+
+@pytest.mark.parametrize('elasticity', [0.0, 0.5, 1.0])
+@pytest.mark.parametrize('speed', [1.0, 20.0])
+def test_edges_that_meet_rebound_with_the_elasticity(speed, elasticity):
+    # edge on edge, both standing on these; above their centres, so that they do not turn
+    one = plank('one', (0.0, 0.0, 0.0), (45.0, 0.0, 0.0), mode='rigid', elasticity=elasticity)
+    two = plank('two', (0.0, 0.0, 0.5), (0.0, 45.0, 0.0), size=(0.2, 1.0, 0.2), mode='rigid',
+                elasticity=elasticity, initial_velocity_linear=(0.0, 0.0, -speed))  # fmt: skip
+    world = floating(one, two, h=1 / 240)
+    world.step(round(0.4 * 240 / speed))
+    apart = momentum(world, 'two') - momentum(world, 'one')
+    assert apart == pytest.approx((0.0, 0.0, elasticity * speed), abs=1e-3 * speed)
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('speed', [1.0, 8.0])
+def test_edges_that_meet_anywhere_keep_the_momenta_and_do_not_pass(speed, mode):
+    one = plank('one', (0.0, 0.0, 0.0), (45.0, 0.0, 0.0), mode=mode)
+    two = plank('two', (0.15, 0.1, 0.5), (10.0, 45.0, 0.0), size=(0.2, 1.0, 0.2), mode=mode,
+                initial_velocity_linear=(0.3, 0.2, -speed))  # fmt: skip
+    world = floating(one, two, h=1 / 240)
+    before, scale = totals(world), sizes(world)
+    for _ in range(round(0.6 * 240 / speed)):
+        world.step()
+        assert_kept(world, before, scale)
+        assert totals(world)[2] <= before[2] * (1.0 + 1e-9)
+        assert centre(world, 'two')[2] > centre(world, 'one')[2] + 0.1
+    assert momentum(world, 'two')[2] > momentum(world, 'one')[2]
+
+
+def test_the_order_of_crossed_bodies_does_not_matter():
+    bodies = [
+        plank('a', (0.0, 0.0, 0.1), mode='rigid'),
+        plank('b', (0.05, 0.1, 0.31), (0.0, 0.0, 80.0), mode='rigid'),
+        plank('c', (-0.02, 0.05, 0.52), (0.0, 0.0, 20.0), mode='linear'),
+    ]
+    one, two = on_ground(*bodies), on_ground(*bodies[::-1])
+    one.step(60), two.step(60)
+    for name in 'abc':
+        assert one.positions(name) == pytest.approx(two.positions(name), abs=1e-7)
+
+
+def test_crossed_planks_that_are_saved_and_restored_go_on_bit_by_bit():
+    world = on_ground(
+        plank('lower', (0.0, 0.0, 0.1), mode='rigid'),
+        plank('upper', (0.1, 0.05, 0.35), (5.0, 10.0, 70.0), mode='quadratic'),
+    )
+    assert_goes_on_bit_by_bit(world, 60)
+
+
+@pytest.mark.parametrize('turn', [0.0, 20.0])
+def test_edges_do_not_catch_where_a_box_slides_from_one_to_the_next(turn):
+    values = {'mode': 'rigid', 'friction': 0.0}
+    floor = [plank(name, (x, 0.0, 0.25), size=(1.0, 1.0, 0.5), **values)
+             for name, x in (('first', 0.0), ('second', 1.0))]  # fmt: skip
+    cube = plank('cube', (-0.2, 0.0, 0.6), (0.0, 0.0, turn), size=(0.2, 0.2, 0.2),
+                 initial_velocity_linear=(1.0, 0.0, 0.0), **values)  # fmt: skip
+    world = on_ground(*floor, cube)
+    world.step(120)
+    assert centre(world, 'cube') == pytest.approx((0.8, 0.0, 0.6), abs=1e-4)
+    assert momentum(world, 'cube') == pytest.approx((1.0, 0.0, 0.0), abs=1e-3)
+
+
+def test_a_box_that_stands_partly_on_another_one_is_not_pushed_aside():
+    # its inner corners are 30 cm within the edge of the lower one: these edges cross there, too
+    lower = plank('lower', (0.0, 0.0, 0.25), size=(1.0, 1.0, 0.5), mode='rigid')
+    upper = plank('upper', (0.45, 0.1, 0.75), size=(0.5, 0.5, 0.5), mode='rigid')
+    world = on_ground(lower, upper)
+    world.step(240)
+    assert centre(world, 'upper') == pytest.approx((0.45, 0.1, 0.75), abs=1e-5)
