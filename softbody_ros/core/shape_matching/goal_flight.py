@@ -518,7 +518,7 @@ def advance(
         see `fly_to_goals`
 
     """
-    scale, kept, is_soft = shape['scale'], body['kept_velocity'], body['mode'] != RIGID
+    scale, is_soft = shape['scale'], body['mode'] != RIGID
     # the wrench in the axes at the start, per mass
     force, torque = ZERO, ZERO
     if body['has_wrench']:
@@ -528,30 +528,16 @@ def advance(
     # in the frame of the pins
     gravity = minus(gravity, vector_of(body['pins_acceleration']))
     field = acceleration_field(body, motion, plus(gravity, force), torque, scale)
-    a, b, c, d, given, given_v, left = blended_response(body, RESIDUAL)
-    # p = P₀ + P r + Q u + T g + W u_g, and the same of s, with u = v − V
-    by_goal = by_goal_v = 0.0
-    if is_soft and left < 1.0:
-        share = followed_share(body, shape, weights, q, x, v, motion) * (1.0 - left)
-        by_goal, by_goal_v = b * share, d * share
-    b, d = b * left, d * left
-    turning = cross_matrix(motion.rate)
-    of_r = combined(a, IDENTITY, -b * kept, turning)
-    of_r = combined(1.0, of_r, given, field.of_offset)
-    speed_of_r = combined(c, IDENTITY, -d * kept, turning)
-    speed_of_r = combined(1.0, speed_of_r, given_v, field.of_offset)
-    start, start_speed = scaled(given, field.constant), scaled(given_v, field.constant)
+    to_p, to_s = deformation(body, shape, weights, q, x, v, motion, field)
     moments = Deviations(motion.mass_offset, ZERO, motion.gram, ZERO)
     if is_soft:
-        moments = deviations(
-            body, shape, weights, q, x, v, motion,
-            Linear(start, of_r, b * kept, 1.0 - a, by_goal),
-            Linear(start_speed, speed_of_r, d * kept, -c, by_goal_v), pinned,
-        )  # fmt: skip
+        moments = deviations(body, shape, weights, q, x, v, motion, to_p, to_s, pinned)
         if body['pins'] == 0:
             # rounding, and particles without mass, which regions give a little
-            start = minus(start, moments.mean_p)
-            start_speed = minus(start_speed, moments.mean_s)
+            start = minus(to_p.constant, moments.mean_p)
+            start_speed = minus(to_s.constant, moments.mean_s)
+            to_p = Linear(start, to_p.r, to_p.u, to_p.g, to_p.u_g)
+            to_s = Linear(start_speed, to_s.r, to_s.u, to_s.g, to_s.u_g)
     pp, internal = moments.pp, moments.pxs
 
     middle = inverse_about(motion.allowed, combined(0.5, motion.gram, 0.5, pp), scale, THIN)
@@ -582,36 +568,99 @@ def advance(
     put_turned(body, turn, motion.inverse, pp, internal, rate)
     put_vector(body['carried'], motion.carried)
     put_matrix(body['allowed'], turned(carry, motion.allowed))
-
-    # p and s + Ω' × p as linear maps
-    rotating = cross_matrix(rate)
-    of_goal, speed_of_goal = times(1.0 - a, IDENTITY), times(-c, IDENTITY)
+    of_goal, speed_of_goal = times(to_p.g, IDENTITY), times(to_s.g, IDENTITY)
     if not is_soft:
         rest = vector_of_pins(body, shape, q, pinned)
         of_goal, speed_of_goal = times(scale, posture), NO_MATRIX
         start = applied(of_goal, scaled(-1.0, rest))
-        of_r = speed_of_r = NO_MATRIX
-        start_speed = ZERO
-    of_v, speed_of_v = b * kept, d * kept
+        to_p = Linear(start, NO_MATRIX, to_p.u, to_p.g, to_p.u_g)
+        to_s = Linear(ZERO, NO_MATRIX, to_s.u, to_s.g, to_s.u_g)
+    put_maps(
+        body, to_p, to_s, of_goal, speed_of_goal, turn, rate, centre, velocity, motion.velocity
+    )
+
+
+@helper
+def deformation(
+    body: np.void,
+    shape: np.void,
+    weights: np.ndarray,
+    q: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    motion: Motion,
+    field: Field,
+) -> tuple[Linear, Linear]:
+    """Return p and s after the tick as linear combinations, see `advance`."""
+    a, b, c, d, given, given_v, left = blended_response(body, RESIDUAL)
+    kept, by_goal, by_goal_v = body['kept_velocity'], 0.0, 0.0
+    if body['mode'] != RIGID and left < 1.0:
+        share = followed_share(body, shape, weights, q, x, v, motion) * (1.0 - left)
+        by_goal, by_goal_v = b * share, d * share
+    b, d = b * left, d * left
+    turning = cross_matrix(motion.rate)
+    of_r = combined(a, IDENTITY, -b * kept, turning)
+    of_r = combined(1.0, of_r, given, field.of_offset)
+    speed_of_r = combined(c, IDENTITY, -d * kept, turning)
+    speed_of_r = combined(1.0, speed_of_r, given_v, field.of_offset)
+    start, start_speed = scaled(given, field.constant), scaled(given_v, field.constant)
+    return (
+        Linear(start, of_r, b * kept, 1.0 - a, by_goal),
+        Linear(start_speed, speed_of_r, d * kept, -c, by_goal_v),
+    )
+
+
+@helper
+def put_maps(
+    body: np.void,
+    to_p: Linear,
+    to_s: Linear,
+    of_goal: Matrix,
+    speed_of_goal: Matrix,
+    turn: Matrix,
+    rate: Vector,
+    centre: Vector,
+    velocity: Vector,
+    velocity_before: Vector,
+) -> None:
+    """
+    Write p and s + Ω' × p as linear maps of positions, velocities and goals, see `put_map`.
+
+    Parameters
+    ----------
+    body : BODY
+    to_p, to_s : Linear
+    of_goal, speed_of_goal : matrix
+        maps of the goal, in place of the factors in `to_p` and `to_s`; those of rigid bodies are
+        rotations
+    turn, rate
+        rotation in the tick; Ω', rad/s
+    centre, velocity
+        of the pivot after the tick, m, m/s
+    velocity_before
+        V, m/s
+
+    """
+    rotating = cross_matrix(rate)
     put_map(
         body['map'][0],
-        product(turn, of_r),
-        times(of_v, turn),
-        plus(centre, applied(turn, start)),
+        product(turn, to_p.r),
+        times(to_p.u, turn),
+        plus(centre, applied(turn, to_p.constant)),
         ZERO,
-        motion.velocity,
+        velocity_before,
     )
     put_map(
         body['map'][1],
-        product(turn, added(speed_of_r, product(rotating, of_r))),
-        product(turn, combined(speed_of_v, IDENTITY, of_v, rotating)),
-        plus(velocity, applied(turn, plus(start_speed, applied(rotating, start)))),
+        product(turn, added(to_s.r, product(rotating, to_p.r))),
+        product(turn, combined(to_s.u, IDENTITY, to_p.u, rotating)),
+        plus(velocity, applied(turn, plus(to_s.constant, applied(rotating, to_p.constant)))),
         ZERO,
-        motion.velocity,
+        velocity_before,
     )
     speed_of_goal = added(speed_of_goal, product(rotating, of_goal))
-    speed_of_motion = combined(by_goal_v, IDENTITY, by_goal, rotating)
-    put_matrix(body['map'][0, 10:13], transposed(times(by_goal, turn)))
+    speed_of_motion = combined(to_s.u_g, IDENTITY, to_p.u_g, rotating)
+    put_matrix(body['map'][0, 10:13], transposed(times(to_p.u_g, turn)))
     put_matrix(body['map'][1, 10:13], transposed(product(turn, speed_of_motion)))
     put_matrix(body['map'][0, 7:10], transposed(product(turn, of_goal)))
     put_matrix(body['map'][1, 7:10], transposed(product(turn, speed_of_goal)))

@@ -123,6 +123,13 @@ SLOW_TURN = 1e-6
 centrifugal acceleration is taken as constant in a tick."""
 MOST_FLATTENED = 0.5
 """Largest share of the rest volume for which the fit makes up."""
+OF_R, OF_V, FITTED, VOLUME_FIT, GRADIENT, DIRECTION, FITTED_U, DUAL, DRIVEN, CHANGE = range(10)
+"""Places of transforms in the scratch of a flight: moments Σ w f r and Σ w f v; the fit, that of
+the rest volume, the gradient of volume, the direction between both fits, the fit of velocities,
+the dual of the direction; acceleration, and its change."""
+OF_X, OF_S, GRAM_X, GRAM_S = VOLUME_FIT, GRADIENT, DRIVEN, CHANGE
+"""What replaces four of these: transforms after the tick, of positions and of velocities, and
+these times the Gram matrix."""
 Response = tuple[float, float, float, float, float, float, float]
 """Φ₁₁, Φ₁₂, Φ₂₁, Φ₂₂, Γ₁, Γ₂, Γ₃ of `gains.oscillator_response`."""
 
@@ -193,7 +200,7 @@ def fly(
         body['flowed'] = False
         x0, v0 = x[now], v[now]
         scratch = quadratic if body['mode'] == QUADRATIC_MODE else linear
-        moment, of_v = scratch[0], scratch[1]
+        moment, of_v = scratch[OF_R], scratch[OF_V]
         origin = sample_mean(x0, body)
         offset = scaled(-1.0, origin)
         total = particle_sums(x0, v0, body, shape, weights, q, offset, moment, of_v, tile)
@@ -215,7 +222,7 @@ def fly(
         drift = solve(
             body, shape, origin, total.y, total.v, second, spin, undeformed, g, scratch, h
         )
-        if not is_finite(drift, scratch[0]):
+        if not is_finite(drift, scratch[OF_R]):
             return 1 + awake[index]
         write(x0, v0, body, shape, q, x[1 - now], v[1 - now])
         row = body['first_match']
@@ -323,14 +330,14 @@ def match(
     posture : (S, 3, 3) float
         see `fly`
     scratch : (10, F, 3) float
-        the first is Σ w f r, m, and remains so; written: the third is the fit, dimensionless
+        with `OF_R`, m; `FITTED` is written, dimensionless
 
     """
     row, now, is_plastic = body['first_match'], body['now'], body['is_plastic']
-    moment, fitted = scratch[4], scratch[2]
+    moment, fitted = scratch[GRADIENT], scratch[FITTED]
     for f in range(len(moment)):
         for axis in range(3):
-            moment[f, axis] = scratch[0, f, axis] / shape['scale']
+            moment[f, axis] = scratch[OF_R, f, axis] / shape['scale']
     plastic = matrix_of(stretch[now, row])
     undeformed = undeformed_of(linear_block(moment), plastic, is_plastic)
     if body['mode'] == RIGID:
@@ -369,14 +376,14 @@ def flattened_volume(
     faces : (f, 3) int
         see `ShapeTable`
     scratch : (10, F, 3) float
-        after `match`; written: the sixth
+        after `match`; `DIRECTION` is written
 
     """
     now = body['now']
     flattened, lacking = body['flattened'][now], 0.0
     if body['touches'][now] > 0 and shape['enclosed'] > 0.0 and body['mode'] != RIGID:
         lacking = enclosed_volume(body, shape, x, centre, faces) - 1.0
-        fitted = relative_volume(scratch[2], shape, scratch[5])
+        fitted = relative_volume(scratch[FITTED], shape, scratch[DIRECTION])
         lacking += body['compressible'] * (1.0 - fitted - flattened)
     else:
         lacking = -flattened
@@ -434,15 +441,16 @@ def find_rest_volume(
     flattened : float
         see `flattened_volume`
     scratch : (10, F, 3) float
-        after `match`; written: the fourth is the nearest fit of the rest volume, the sixth the
-        direction a to it with Σ w |a f|² = 1, the eighth Σ w f (a f)ᵀ, dimensionless
+        after `match`; written: `VOLUME_FIT` is the nearest fit of the rest volume, `DIRECTION`
+        that to it, a, with Σ w |a f|² = 1, `DUAL` Σ w f (a f)ᵀ, dimensionless
 
     """
     row, now, is_plastic = body['first_match'], body['now'], body['is_plastic']
-    fitted, volume_fit, gradient, direction = scratch[2], scratch[3], scratch[4], scratch[5]
+    fitted, volume_fit = scratch[FITTED], scratch[VOLUME_FIT]
+    gradient, direction, dual = scratch[GRADIENT], scratch[DIRECTION], scratch[DUAL]
     body['degeneracy'] = 0.0
     if body['mode'] == RIGID:
-        for k in range(3, 8):
+        for k in range(VOLUME_FIT, DRIVEN):
             fill(scratch[k], 0.0)
         return
     fill(gradient, 0.0)
@@ -455,10 +463,10 @@ def find_rest_volume(
     scale_transform(direction, 1.0 / math.sqrt(slope))
     if len(fitted) > LINEAR and shape['spanned_quadratic']:
         # the gradient itself
-        copy(gradient, scratch[7])
-        scale_transform(scratch[7], 1.0 / math.sqrt(slope))
+        copy(gradient, dual)
+        scale_transform(dual, 1.0 / math.sqrt(slope))
     else:
-        multiply_gram(shape, direction, scratch[7])
+        multiply_gram(shape, direction, dual)
     if degeneracy == 0.0:
         put_matrix(posture[row], linear_block(fitted))
     flow(body, stretch, row, elastic, degeneracy)
@@ -521,7 +529,7 @@ def solve(
     gravity : vector
         m/s²
     scratch : (10, F, 3) float
-        see `match`; the second is Σ w f v, m/s. Written: the first is the image of the features
+        see `find_rest_volume`, with Σ w f v, m/s. Written: `OF_R` is the image of the features
         in v', m/s
     h : float
         s
@@ -535,40 +543,13 @@ def solve(
     scale, kept = shape['scale'], body['kept_velocity']
     inverse = inverse_inertia_of(second.rr, scale)
     omega = applied(inverse, spin)
-    of_r, of_u = scratch[0], scratch[1]
-    for f in range(len(of_r)):
-        rigid = cross(omega, vector_of(of_r[f]))
-        put_vector(of_u[f], scaled(kept, minus(vector_of(of_u[f]), rigid)))
-    turning = cross_matrix(omega)
-    ru = combined(kept, second.rv, -kept, product(second.rr, transposed(turning)))
-    uu = product(transposed(second.rv), transposed(turning))
-    uu = combined(kept * kept, second.vv, -kept * kept, added(uu, transposed(uu)))
-    uu = combined(1.0, uu, kept * kept, product(product(turning, second.rr), transposed(turning)))
-    residual = blended_response(body, RESIDUAL)
-    a, b, c, d = residual[0], residual[1], residual[2], residual[3]
+    subtract_rotation(omega, kept, scratch)
     advance_fit(body, shape, times(scale, undeformed), omega, spin, second.rr, inverse, scratch, h)
-    # of what the gains of the residual do to the whole of r and u, they leave the residual
-    of_x, of_s, gram_x = scratch[3], scratch[4], scratch[8]
-    for f in range(len(of_x)):
-        t, fitted_u = vector_of(scratch[2, f]), vector_of(scratch[6, f])
-        put_vector(of_x[f], along(along(vector_of(of_x[f]), -a, t), -b, fitted_u))
-        put_vector(of_s[f], along(along(vector_of(of_s[f]), -c, t), -d, fitted_u))
-    multiply_gram(shape, of_x, gram_x)
-
-    # moments after the tick, of p pᵀ and p × s
-    half = combined(a * b, ru, a, summed_outer(of_x, of_r))
-    half = combined(1.0, half, b, summed_outer(of_x, of_u))
-    pp = combined(a * a, second.rr, b * b, uu)
-    pp = added(pp, added(half, transposed(half)))
-    pp = added(pp, summed_outer(gram_x, of_x))
-    internal = scaled(a * d - b * c, axial(ru))
-    internal = along(internal, a, summed_cross(of_r, of_s))
-    internal = along(internal, b, summed_cross(of_u, of_s))
-    internal = along(internal, c, summed_cross(of_x, of_r))
-    internal = along(internal, d, summed_cross(of_x, of_u))
-    internal = plus(internal, summed_cross(gram_x, of_s))
-    gram_s = scratch[9]
-    multiply_gram(shape, of_s, gram_s)
+    residual = blended_response(body, RESIDUAL)
+    add_residual(residual, scratch)
+    multiply_gram(shape, scratch[OF_X], scratch[GRAM_X])
+    multiply_gram(shape, scratch[OF_S], scratch[GRAM_S])
+    pp, internal = moments_after(second, omega, kept, residual, scratch)
 
     middle = inverse_inertia_of(combined(0.5, second.rr, 0.5, pp), scale)
     posture = rotation_of(undeformed) if body['has_wrench'] else IDENTITY
@@ -579,18 +560,101 @@ def solve(
     spin = applied(turn, plus(applied(inertia_of(pp), rate), internal))
     start = plus(origin, mean)
     centre = along(along(start, h, velocity), 0.5 * h * h, acceleration)
-    put_motion(body, centre, along(velocity, h, acceleration), spin, turned(turn, after))
+    end_velocity = along(velocity, h, acceleration)
+    put_motion(body, centre, end_velocity, spin, turned(turn, after))
     put_turned(body, turn, inverse, pp, internal, rate)
+    put_maps(body, residual, turn, rate, omega, centre, end_velocity, mean, velocity)
+    put_transforms(body, residual, turn, rate, scratch)
+    features = len(scratch[OF_X])
+    keep_mean(body['map'][0], shape, features)
+    keep_mean(body['map'][1], shape, features)
+    for f in range(features):
+        put_vector(scratch[OF_R, f], vector_of(body['map'][1, 7 + f]))
+    return vector_of(body['map'][1, 0])
 
-    # p and s + ω' × p as linear maps of r, v − V and f; then of y = x − origin, v and f
-    rotating = cross_matrix(rate)
+
+@helper
+def subtract_rotation(omega: Vector, kept: float, scratch: np.ndarray) -> None:
+    """Write Σ w f u in the place of Σ w f v: u is what is kept of velocities of deformation."""
+    of_r, of_u = scratch[OF_R], scratch[OF_V]
+    for f in range(len(of_r)):
+        rigid = cross(omega, vector_of(of_r[f]))
+        put_vector(of_u[f], scaled(kept, minus(vector_of(of_u[f]), rigid)))
+
+
+@helper
+def add_residual(residual: Response, scratch: np.ndarray) -> None:
+    """Subtract from the transforms what the gains of residuals do to all of r and u."""
+    a, b, c, d = residual[0], residual[1], residual[2], residual[3]
+    of_x, of_s = scratch[OF_X], scratch[OF_S]
+    for f in range(len(of_x)):
+        t, fitted_u = vector_of(scratch[FITTED, f]), vector_of(scratch[FITTED_U, f])
+        put_vector(of_x[f], along(along(vector_of(of_x[f]), -a, t), -b, fitted_u))
+        put_vector(of_s[f], along(along(vector_of(of_s[f]), -c, t), -d, fitted_u))
+
+
+@helper
+def moments_after(
+    second: Second, omega: Vector, kept: float, residual: Response, scratch: np.ndarray
+) -> tuple[Matrix, Vector]:
+    """Return the moments Σ w p pᵀ, m², and Σ w p × s, m²/s, after the tick."""
+    a, b, c, d = residual[0], residual[1], residual[2], residual[3]
+    turning = cross_matrix(omega)
+    ru = combined(kept, second.rv, -kept, product(second.rr, transposed(turning)))
+    uu = product(transposed(second.rv), transposed(turning))
+    uu = combined(kept * kept, second.vv, -kept * kept, added(uu, transposed(uu)))
+    uu = combined(1.0, uu, kept * kept, product(product(turning, second.rr), transposed(turning)))
+
+    of_r, of_u, of_x, of_s = scratch[OF_R], scratch[OF_V], scratch[OF_X], scratch[OF_S]
+    half = combined(a * b, ru, a, summed_outer(of_x, of_r))
+    half = combined(1.0, half, b, summed_outer(of_x, of_u))
+    pp = combined(a * a, second.rr, b * b, uu)
+    pp = added(pp, added(half, transposed(half)))
+    pp = added(pp, summed_outer(scratch[GRAM_X], of_x))
+    internal = scaled(a * d - b * c, axial(ru))
+    internal = along(internal, a, summed_cross(of_r, of_s))
+    internal = along(internal, b, summed_cross(of_u, of_s))
+    internal = along(internal, c, summed_cross(of_x, of_r))
+    internal = along(internal, d, summed_cross(of_x, of_u))
+    internal = plus(internal, summed_cross(scratch[GRAM_X], of_s))
+    return pp, internal
+
+
+@helper
+def put_maps(
+    body: np.void,
+    residual: Response,
+    turn: Matrix,
+    rate: Vector,
+    omega: Vector,
+    centre: Vector,
+    end_velocity: Vector,
+    mean: Vector,
+    velocity: Vector,
+) -> None:
+    """
+    Write p and s + ω' × p as linear maps of y = x − origin and v, see `put_map`.
+
+    Parameters
+    ----------
+    body : BODY
+    residual
+        gains
+    turn, rate
+        rotation in the tick; ω', rad/s
+    omega
+        angular velocity before it, rad/s
+    centre, end_velocity
+        of mass after the tick, m, m/s
+    mean, velocity
+        see `solve`
+
+    """
+    a, b, c, d = residual[0], residual[1], residual[2], residual[3]
+    kept, turning, rotating = body['kept_velocity'], cross_matrix(omega), cross_matrix(rate)
+    of_offset = combined(a, IDENTITY, -b * kept, turning)
     put_map(
-        body['map'][0],
-        product(turn, combined(a, IDENTITY, -b * kept, turning)),
-        times(b * kept, turn),
-        centre,
-        mean,
-        velocity,
+        body['map'][0], product(turn, of_offset), times(b * kept, turn), centre, mean, velocity
     )
     of_deformation = combined(d, IDENTITY, b, rotating)
     of_offset = combined(c, IDENTITY, a, rotating)
@@ -599,28 +663,30 @@ def solve(
         body['map'][1],
         product(turn, of_offset),
         times(kept, product(turn, of_deformation)),
-        along(velocity, h, acceleration),
+        end_velocity,
         mean,
         velocity,
     )
-    for f in range(len(of_x)):
-        image = vector_of(of_x[f])
+
+
+@helper
+def put_transforms(
+    body: np.void, residual: Response, turn: Matrix, rate: Vector, scratch: np.ndarray
+) -> None:
+    """Write the maps of features, and their moments with p, s, r and the gradient of volume."""
+    a, b, c, d = residual[0], residual[1], residual[2], residual[3]
+    for f in range(len(scratch[OF_X])):
+        of_r, of_u = vector_of(scratch[OF_R, f]), vector_of(scratch[OF_V, f])
+        image = vector_of(scratch[OF_X, f])
         put_vector(body['map'][0, 7 + f], applied(turn, image))
-        image = applied(turn, plus(vector_of(of_s[f]), cross(rate, image)))
+        image = applied(turn, plus(vector_of(scratch[OF_S, f]), cross(rate, image)))
         put_vector(body['map'][1, 7 + f], image)
-        weighted = along(vector_of(gram_x[f]), a, vector_of(of_r[f]))
-        weighted = along(weighted, b, vector_of(of_u[f]))
+        weighted = along(along(vector_of(scratch[GRAM_X, f]), a, of_r), b, of_u)
         put_vector(body['offset_moment'][f], applied(turn, weighted))
-        weighted = along(vector_of(gram_s[f]), c, vector_of(of_r[f]))
-        weighted = along(weighted, d, vector_of(of_u[f]))
+        weighted = along(along(vector_of(scratch[GRAM_S, f]), c, of_r), d, of_u)
         put_vector(body['velocity_moment'][f], applied(turn, weighted))
-        put_vector(body['shape_moment'][f], applied(turn, vector_of(of_r[f])))
-        put_vector(body['volume_moment'][f], applied(turn, vector_of(scratch[7, f])))
-    keep_mean(body['map'][0], shape, len(of_x))
-    keep_mean(body['map'][1], shape, len(of_x))
-    for f in range(len(of_x)):
-        put_vector(of_r[f], vector_of(body['map'][1, 7 + f]))
-    return vector_of(body['map'][1, 0])
+        put_vector(body['shape_moment'][f], applied(turn, of_r))
+        put_vector(body['volume_moment'][f], applied(turn, vector_of(scratch[DUAL, f])))
 
 
 @helper
@@ -661,18 +727,18 @@ def advance_fit(
     omega, spin, rr, inverse
         angular velocity, rad/s; angular momentum, m²/s; second moments, m²; inverse inertia, 1/m²
     scratch : (10, F, 3) float
-        Σ w f r and Σ w f u, then the results of `match`. Written: the fourth is the transform of
-        positions after the tick, m, the fifth that of velocities of deformation, m/s, and the
-        seventh that of velocities before it
+        with Σ w f u in the place of Σ w f v. Written: `OF_X`, m; `OF_S`, of velocities of
+        deformation, m/s; `FITTED_U`, m/s
 
     """
-    of_r, of_uf, fitted, of_x = scratch[0], scratch[1], scratch[2], scratch[3]
-    of_u, dual, driven, change = scratch[6], scratch[7], scratch[8], scratch[9]
+    of_r, fitted, fitted_u = scratch[OF_R], scratch[FITTED], scratch[FITTED_U]
+    of_x, dual = scratch[OF_X], scratch[DUAL]
+    driven, change = scratch[DRIVEN], scratch[CHANGE]
     scale_transform(fitted, shape['scale'])
     if body['mode'] == RIGID:
-        fill(of_u, 0.0)
+        fill(fitted_u, 0.0)
     else:
-        multiply_inverse_gram(shape, of_uf, of_u)
+        multiply_inverse_gram(shape, scratch[OF_V], fitted_u)
     target = shape['scale'] * scalar_product(dual, of_x)
     field = centrifugal_field(body, omega)
     for f in range(len(fitted)):
@@ -729,16 +795,17 @@ def move_modes(body: np.void, undeformed: Matrix, target: float, scratch: np.nda
     target : float
         component of the nearest fit of the rest volume along the gradient of volume, m
     scratch : (10, F, 3) float
-        see `advance_fit`; the ninth is the acceleration at the start, m/s², the tenth its
-        change, m/s³
+        see `advance_fit`; `DRIVEN` is the acceleration at the start, m/s², `CHANGE` m/s³
 
     """
-    fitted, of_x, of_s, direction = scratch[2], scratch[3], scratch[4], scratch[5]
-    of_u, dual, driven, change = scratch[6], scratch[7], scratch[8], scratch[9]
+    fitted, fitted_u = scratch[FITTED], scratch[FITTED_U]
+    of_x, of_s = scratch[OF_X], scratch[OF_S]
+    direction, dual = scratch[DIRECTION], scratch[DUAL]
+    driven, change = scratch[DRIVEN], scratch[CHANGE]
     followed, breathing = blended_response(body, FOLLOWED), blended_response(body, BREATHING)
     columns = transposed(undeformed)
     # along the volume gradient: start, equilibria, and what differs from the other directions
-    at, speed = scalar_product(dual, fitted), scalar_product(dual, of_u)
+    at, speed = scalar_product(dual, fitted), scalar_product(dual, fitted_u)
     driving, growth = scalar_product(dual, driven), scalar_product(dual, change)
     rest = dot(vector_of(dual[0]), columns[0])
     rest += dot(vector_of(dual[1]), columns[1]) + dot(vector_of(dual[2]), columns[2])
@@ -752,7 +819,7 @@ def move_modes(body: np.void, undeformed: Matrix, target: float, scratch: np.nda
 
     for f in range(len(fitted)):
         p = columns[f] if f < LINEAR else ZERO
-        u, k, rate = vector_of(of_u[f]), vector_of(driven[f]), vector_of(change[f])
+        u, k, rate = vector_of(fitted_u[f]), vector_of(driven[f]), vector_of(change[f])
         deviation, along_gradient = minus(vector_of(fitted[f]), p), vector_of(direction[f])
         moved = along(along(p, followed[0], deviation), followed[1], u)
         moved = along(along(moved, followed[4], k), followed[6], rate)
