@@ -28,6 +28,12 @@ def about_y(degrees):
     return 0.0, math.sin(half), 0.0, math.cos(half)
 
 
+def about_z(degrees):
+    """Return a rotation as a quaternion x y z w: a positive one turns the x axis towards y."""
+    half = math.radians(degrees) / 2
+    return 0.0, 0.0, math.sin(half), math.cos(half)
+
+
 # ------------------------------------------------------------------------------------------- time
 def stepped(world, seconds, every=1):
     """Step a world for some time and yield the time since the start, s, `every` ticks."""

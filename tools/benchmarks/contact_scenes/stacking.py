@@ -14,6 +14,7 @@ from contact_scenes.base import YES, Measured, at_most, near, scene
 from contact_scenes.observing import (
     GROUND,
     about_y,
+    about_z,
     carried_by_ground,
     centre,
     cuboid,
@@ -30,6 +31,10 @@ GAP = 0.001
 """Between boxes at the start, m."""
 CARD = (0.005, 0.1, 0.15)
 """Half extents of a card, m."""
+BAR = (0.5, 0.1, 0.1)
+"""Half extents of a bar, m."""
+UPPER_EDGES, LOWER_EDGES = ((1, 5), (3, 7)), ((0, 4), (2, 6))
+"""Vertices of the long edges of a bar."""
 LEAN = 20.0
 """Of a card from the vertical, degrees: two stand while tan LEAN < 2 μ."""
 
@@ -92,6 +97,45 @@ def tower(case, count):
         'overlap, %': Measured(100 * deepest / HALF, at_most(1.0)),
         'asleep': Measured(all(world.is_asleep(name) for name in names), YES),
     }
+
+
+@scene(frequencies=(90, 300), angle=(90, 45, 10))
+def crossed(case, angle):
+    """
+    A bar lies across another one, of 8 vertices each.
+
+    Bars of 100 x 20 x 20 cm, 1 kg each, μ 0.5, at an angle of so many degrees, after 5 s: no
+    vertex of one is near the other, they touch with their edges. Overlap: of these where they
+    cross, in % of half a width. Forces are relative to the weight.
+    """
+    bar, width = cuboid(BAR, 0), 2 * BAR[2]
+    lower = case.body(name='lower', mesh=bar, position=(0.0, 0.0, width / 2))
+    upper = case.body(name='upper', mesh=bar, orientation=about_z(angle),
+                      position=(0.0, 0.0, 1.5 * width + GAP))  # fmt: skip
+    world = case.world([lower, upper], [GROUND])
+    run(stepped(world, case.seconds(4.5, 0.1)))
+    force = mean_contact_force(world, 'upper', case.seconds(0.25))[2]
+    lower, upper = world.positions('lower'), world.positions('upper')
+    deepest = max(
+        _height_over(lower[list(one)], upper[list(other)])
+        for one, other in itertools.product(UPPER_EDGES, LOWER_EDGES)
+    )
+    aside = np.linalg.norm(centre(world, 'upper')[:2])
+    return {
+        'overlap, %': Measured(100 * deepest / BAR[2], at_most(1.0)),
+        'aside, mm': Measured(1e3 * aside, at_most(1.0)),
+        'tilt, °': Measured(tilt(world, 'upper'), at_most(0.5)),
+        'on the upper / m g': Measured(force / GRAVITY, near(1.0, 0.01)),
+        'asleep': Measured(world.is_asleep('upper'), YES),
+    }
+
+
+def _height_over(edge, other):
+    """Return how far an edge (2, 3) is above another one where they cross, seen from above, m."""
+    (start, end), (begin, stop) = edge, other
+    ways = np.stack([end - start, begin - stop], axis=1)
+    share, of_other = np.linalg.solve(ways[:2], (begin - start)[:2])
+    return float(start[2] + share * ways[2, 0] - begin[2] + of_other * ways[2, 1])
 
 
 @scene(modes=('rigid',), storeys=(1, 2))
