@@ -153,6 +153,26 @@ def test_bodies_do_not_pass_through_each_other(mode, speed):
         assert gap_speed(world) > 0.0
 
 
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240])
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('speed', [5.0, 20.0])
+def test_a_fast_ball_does_not_pass_through_a_thin_plate(speed, mode, h):
+    # at 20 m/s and 1/60 s by 17 times its thickness in a tick, and by more than all of the ball
+    cube = make_surface('box', 1.0, 0)
+    plate = Surface(cube.vertices * (0.5, 0.5, 0.01), cube.faces)
+    ball = body(name='ball', size=0.05, mode=mode, mass=0.1, subdivisions=2,
+                position=(0.1, 0.03, 0.403), elasticity=0.5,
+                initial_velocity_linear=(0.0, 0.0, -speed))  # fmt: skip
+    plate = body(name='plate', mesh=plate, mesh_scale=1.0, mode='rigid', mass=5.0, elasticity=0.5)
+    for bodies in ((plate, ball), (ball, plate)):
+        world = floating(*bodies, h=h)
+        before, scale = totals(world), sizes(world)
+        world.step(round(0.6 / (speed * h)) + 2)
+        assert_kept(world, before, scale)
+        assert totals(world)[2] <= before[2] * (1.0 + 1e-9)
+        assert centre(world, 'ball')[2] > centre(world, 'plate')[2]
+
+
 # -------------------------------------------------------------------------------- unequal bodies
 UNEQUAL = {
     'masses': (values_of(mass=0.01), values_of(mass=10.0)),

@@ -160,3 +160,32 @@ def test_a_box_that_stands_partly_on_another_one_is_not_pushed_aside():
     world = on_ground(lower, upper)
     world.step(240)
     assert centre(world, 'upper') == pytest.approx((0.45, 0.1, 0.75), abs=1e-5)
+
+
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240])
+@pytest.mark.parametrize('speed', [5.0, 20.0])
+@pytest.mark.parametrize('turn', [0.0, 30.0])
+def test_thin_plates_do_not_pass_through_each_other(turn, speed, h):
+    # up to 17 times their thickness in a tick; turned, no corner of one is above the other
+    size = 1.0, 1.0, 0.02
+    one = plank('one', (0.0, 0.0, 0.0), size=size, mode='rigid', elasticity=0.5)
+    two = plank('two', (0.11, 0.07, 0.4), (0.0, 0.0, turn), size=size, mode='rigid',
+                elasticity=0.5, initial_velocity_linear=(0.0, 0.0, -speed))  # fmt: skip
+    world = floating(one, two, h=h)
+    before, scale = totals(world), sizes(world)
+    world.step(round(0.6 / (speed * h)) + 2)
+    assert_kept(world, before, scale)
+    assert totals(world)[2] <= before[2] * (1.0 + 1e-9)
+    apart = momentum(world, 'two') - momentum(world, 'one')
+    assert centre(world, 'two')[2] > centre(world, 'one')[2] and apart[2] > 0.1 * speed
+
+
+@pytest.mark.parametrize('speed', [2.0, 5.0])
+def test_soft_bars_that_twist_do_not_pass_through_each_other(speed):
+    # their faces fold along the diagonals, which are the edges that meet then
+    one = plank('one', (0.0, 0.0, 0.0), size=(1.0, 0.02, 0.02), mode='quadratic')
+    two = plank('two', (0.11, 0.07, 0.4), size=(0.02, 1.0, 0.02), mode='quadratic',
+                initial_velocity_linear=(0.0, 0.0, -speed))  # fmt: skip
+    world = floating(one, two, h=1 / 240)
+    world.step(round(0.7 * 240 / speed))
+    assert centre(world, 'two')[2] > centre(world, 'one')[2]

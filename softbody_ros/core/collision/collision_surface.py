@@ -21,8 +21,10 @@ from softbody_ros.core.shape_matching.rest_shape import RestShape
 NEIGHBOURS = 2.0
 """Distance, in edge lengths, within which a particle and a face of one body are neighbours."""
 SHARP = 0.1
-"""Length of an edge times the sine of half its bend, in RMS radii, from which it may touch others:
+"""Length of an edge times the sine of half its bend, in RMS radii, from which it touches others:
 about a quarter of that two edges could cross before a vertex of one meets a face of the other."""
+LONG = 0.5
+"""Length of other edges, in RMS radii, from which these may touch others where they are bent."""
 
 SURFACE = np.dtype(
     [
@@ -33,7 +35,8 @@ SURFACE = np.dtype(
         ('first_particle', np.int64),
         ('first_face', np.int64),
         ('first_edge', np.int64),
-        ('edges', np.int64),  # number of sharp ones
+        ('sharp_edges', np.int64),  # number of these, which come first
+        ('edges', np.int64),  # number of all
         ('first_piece', np.int64),
         ('pieces', np.int64),
         ('first_origin', np.int64),
@@ -146,30 +149,38 @@ class CollisionSurface:
         return NEIGHBOURS * edge / self.rest.scale
 
     @cached_property
-    def sharp_edges(self) -> np.ndarray:
+    def edges(self) -> tuple[np.ndarray, int]:
         """
-        (e, 4) int: convex edges that are long and bent, as `SHARP` says, of a closed surface.
+        (e, 4) int: edges that may touch others, none of open ones; int: how many are sharp.
 
-        Their two ends, and the third corners of the two triangles there.
+        Their two ends, and the third corners of the two triangles there: the first one is that of
+        the triangle which has the edge in this direction. Sharp ones, see `SHARP`, come first,
+        then those that are `LONG`.
         """
         vertices, faces = self.rest.surface.vertices, self.rest.surface.faces
         if not self.closed:
-            return np.zeros((0, 4), np.int32)
+            return np.zeros((0, 4), np.int32), 0
         edges = edges_of(faces)
         triangles, edge = edges.pairs()
         ends = edges.ends[edge]
-        corners = np.concatenate(
-            [ends, faces[triangles].sum(axis=2) - ends.sum(axis=1, keepdims=True)], axis=1
+        third = faces[triangles].sum(axis=2) - ends.sum(axis=1, keepdims=True)
+        # the triangle in which the edge goes from its lower end to the other one comes first
+        goes_back = ~edges.forward[triangles[:, 0]][edges.edge[triangles[:, 0]] == edge[:, None]]
+        third[goes_back] = third[goes_back, ::-1]
+        start, end, one, other = vertices[np.concatenate([ends, third], axis=1)].transpose(1, 0, 2)
+        normals = np.cross(end - start, one - start), np.cross(other - start, end - start)
+        first, second = (
+            normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+            for normal in normals
         )
-        a, b, c = vertices[faces[triangles]].transpose(2, 0, 1, 3)
-        normals = np.cross(b - a, c - a)
-        normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300)
-        start, end, _, beyond = vertices[corners].transpose(1, 0, 2)
-        cosine = (normals[:, 0] * normals[:, 1]).sum(axis=1)
-        bend = np.sqrt(0.5 * np.maximum(1.0 - cosine, 0.0))
-        is_long = np.linalg.norm(end - start, axis=1) * bend >= SHARP * self.rest.scale
-        is_convex = (normals[:, 0] * (beyond - start)).sum(axis=1) < 0.0
-        return corners[is_long & is_convex].astype(np.int32)
+        bend = np.sqrt(0.5 * np.maximum(1.0 - (first * second).sum(axis=1), 0.0))
+        bend[(first * (other - start)).sum(axis=1) > 0.0] = 0.0  # not convex
+        length = np.linalg.norm(end - start, axis=1) / self.rest.scale
+        is_sharp = length * bend >= SHARP
+        order = np.argsort(~is_sharp, kind='stable')
+        order = order[(is_sharp | (length >= LONG))[order]]
+        corners = np.concatenate([ends, third], axis=1)[order].astype(np.int32)
+        return corners, int(is_sharp.sum())
 
     @property
     def thinness(self) -> float:
@@ -196,7 +207,7 @@ class SurfaceArrays(NamedTuple):
         indices of particles in the body
     piece_of_face : (m,) int
     edges : (e, 4) int
-        sharp ones, see `CollisionSurface.sharp_edges`: indices of particles in the body
+        see `CollisionSurface.edges`: indices of particles in the body
     may_collide : (s,) bool
         the matrices P × P of all surfaces, row by row
     normals : (n, 3) float
@@ -264,7 +275,8 @@ class CollisionSurfaces:
                 continue
             record['closed'], record['neighbours'] = surface.closed, surface.neighbours
             record['first_particle'] = counts['particles']
-            record['thinness'], record['edges'] = surface.thinness, len(surface.sharp_edges)
+            edges, record['sharp_edges'] = surface.edges
+            record['thinness'], record['edges'] = surface.thinness, len(edges)
             record['first_face'], record['first_edge'] = counts['faces'], counts['edges']
             record['first_piece'] = counts['pieces']
             record['first_may_collide'] = counts['may_collide']
@@ -280,7 +292,7 @@ class CollisionSurfaces:
             put('covered', covered)
             put('faces', surface.rest.surface.faces)
             put('piece_of_face', surface.piece_of_face.astype(np.int32))
-            put('edges', surface.sharp_edges)
+            put('edges', edges)
             put('may_collide', surface.may_collide.ravel())
             put('normals', surface.normals)
             if surface.closed:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from softbody_ros.core.body import RIGID
 from softbody_ros.core.collision.collision_surface import SurfaceArrays
 from softbody_ros.core.collision.narrow_phase import particle_at
 from softbody_ros.core.compiled import helper
@@ -32,7 +33,7 @@ PARALLEL = 0.05
 """Sine of the angle between edges up to which there is none: vertices near their ends touch."""
 SUPPORT = 0.1
 """Sine of the angle by which a face may be beyond the plane through both edges: flush faces are in
-that plane."""
+that plane, and the diagonals of those that bend are edges, whether they are ridges or not yet."""
 AT_END = 1e-3
 """Distance of a contact from the ends of its edges, in RMS radii, at least: vertices touch there,
 and where a body slides from one to the next of equal height, its edges must not catch."""
@@ -52,7 +53,7 @@ def find_edge_contacts(
     found: int,
 ) -> int:
     """
-    Write the contacts of sharp edges with each other; return their number, even beyond capacity.
+    Write the contacts of edges with each other; return their number, even beyond capacity.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ def find_edge_contacts(
         number of contacts before
 
     """
-    most, near = 0, np.empty(0, np.int64)
+    most = 0
     for index in chosen:
         most = max(most, surfaces.surfaces[bodies[index]['shape']]['edges'])
     if most == 0:
@@ -86,22 +87,27 @@ def find_edge_contacts(
         of_one, of_two = surfaces.surfaces[one['shape']], surfaces.surfaces[two['shape']]
         if first == second or of_one['edges'] == 0 or of_two['edges'] == 0:
             continue
-        least, largest = common_box(low[first], high[first], low[second], high[second])
+        own = of_one['sharp_edges'] if one['mode'] == RIGID else of_one['edges']
+        # boxes include the reach of their own bodies only
+        least, largest = enlarged_box(low[first], high[first], two['reach'])
         count = edges_in_box(two, of_two, surfaces.edges, x, least, largest, near)
         if count == 0:
             continue
         scale = min(shapes[one['shape']]['scale'], shapes[two['shape']]['scale'])
         deepest = min(of_one['thinness'], of_two['thinness'])
-        for number in range(of_one['edges']):
+        least, largest = enlarged_box(low[second], high[second], one['reach'])
+        for number in range(own):
             edge = surfaces.edges[of_one['first_edge'] + number]
             if not is_in_box(one, edge, x, least, largest):
                 continue
             for place in near[:count]:
                 other = surfaces.edges[place]
-                touches, s, t, normal, gap = closest_points(one, edge, two, other, x, scale)
-                if not touches or gap >= one['reach'] + two['reach']:
+                inside, s, t, normal, gap = closest_points(one, edge, two, other, x)
+                if inside < AT_END * scale or gap >= one['reach'] + two['reach']:
                     continue
-                if gap_before(one, edge, s, two, other, t, normal, x) < -deepest:
+                before = gap_before(one, edge, s, two, other, t, normal, x)
+                # what overlaps by more than the ends of the edges do gets out past these
+                if before < -deepest or (gap < -inside and before < 0.0):
                     continue
                 if found < len(contacts):
                     contact = contacts[found]
@@ -121,21 +127,20 @@ def find_edge_contacts(
 
 
 @helper
-def common_box(
-    low: np.ndarray, high: np.ndarray, other_low: np.ndarray, other_high: np.ndarray
-) -> tuple[Vector, Vector]:
-    """Return the corners of what two boxes have in common, m."""
+def enlarged_box(low: np.ndarray, high: np.ndarray, reach: float) -> tuple[Vector, Vector]:
+    """Return the corners of a box that is wider by `reach` on all sides, m."""
     return (
-        (max(low[0], other_low[0]), max(low[1], other_low[1]), max(low[2], other_low[2])),
-        (min(high[0], other_high[0]), min(high[1], other_high[1]), min(high[2], other_high[2])),
+        (low[0] - reach, low[1] - reach, low[2] - reach),
+        (high[0] + reach, high[1] + reach, high[2] + reach),
     )
 
 
 @helper
 def edges_in_box(body, surface, edges, x, low, high, near):  # type: ignore[no-untyped-def]
     """Write the indices of edges of a body in a box, and return their number."""
-    count = 0
-    for place in range(surface['first_edge'], surface['first_edge'] + surface['edges']):
+    count, first = 0, surface['first_edge']
+    number = surface['sharp_edges'] if body['mode'] == RIGID else surface['edges']
+    for place in range(first, first + number):
         if is_in_box(body, edges[place], x, low, high):
             near[count] = place
             count += 1
@@ -160,25 +165,23 @@ def closest_points(
     two: np.void,
     other: np.ndarray,
     x: np.ndarray,
-    scale: float,
-) -> tuple[bool, float, float, Vector, float]:
+) -> tuple[float, float, float, Vector, float]:
     """
-    Return where two edges are nearest to each other, if they touch or may do so.
+    Return where two edges are nearest to each other.
 
     Parameters
     ----------
     one, two : BODY
     edge, other : (4,) int
-        see `CollisionSurface.sharp_edges`
+        see `CollisionSurface.edges`
     x : (2, 3, N) float
         m
-    scale : float
-        smaller RMS radius, m
 
     Returns
     -------
-    touches : bool
-        whether a plane through both parts the faces at them, and they are not near their ends
+    inside : float
+        distance from there to the nearest end, m; negative if it is beyond, or if there is no
+        plane through both that parts the faces at them
     s, t : float
         where on the edges, from 0 to 1
     normal : vector
@@ -194,30 +197,36 @@ def closest_points(
     normal, offset = cross(way, other_way), minus(begin, start)
     square, length, other_length = dot(normal, normal), norm(way), norm(other_way)
     if not square > (PARALLEL * length * other_length) ** 2:
-        return False, 0.0, 0.0, normal, 0.0
+        return -1.0, 0.0, 0.0, normal, 0.0
     s = dot(cross(offset, other_way), normal) / square
     t = dot(cross(offset, way), normal) / square
     inside = min(min(s, 1.0 - s) * length, min(t, 1.0 - t) * other_length)
-    if inside < AT_END * scale:
-        return False, s, t, normal, 0.0
-    normal = scaled(1.0 / np.sqrt(square), normal)
+    if inside < 0.0:
+        return inside, s, t, normal, 0.0
+    outwards = outward_normal(two, other, x)
+    sign = 1.0 if dot(normal, outwards) > 0.0 else -1.0
+    normal = scaled(sign / np.sqrt(square), normal)
     lower = height_of_faces(normal, two, other, begin, other_way, x)
     upper = height_of_faces(scaled(-1.0, normal), one, edge, start, way, x)
-    if lower > SUPPORT or upper > SUPPORT:
-        normal = scaled(-1.0, normal)
-        lower = height_of_faces(normal, two, other, begin, other_way, x)
-        upper = height_of_faces(scaled(-1.0, normal), one, edge, start, way, x)
-        if lower > SUPPORT or upper > SUPPORT:
-            return False, s, t, normal, 0.0
+    if lower > SUPPORT or upper > SUPPORT or dot(normal, outward_normal(one, edge, x)) > 0.0:
+        return -1.0, s, t, normal, 0.0
     gap = dot(normal, minus(along(start, s, way), along(begin, t, other_way)))
-    # what overlaps more than the ends of the edges do gets out past these
-    return gap >= -inside, s, t, normal, gap
+    return inside, s, t, normal, gap
 
 
 @helper
 def corner_at(x: np.ndarray, half: int, body: np.void, edge: np.ndarray, corner: int) -> Vector:
     """Return the position of an end of an edge, or of a third corner of its triangles, m."""
     return particle_at(x, half, body['first'] + edge[corner])
+
+
+@helper
+def outward_normal(body: np.void, edge: np.ndarray, x: np.ndarray) -> Vector:
+    """Return the sum of the normals of the triangles at an edge, times twice their areas, m²."""
+    half = 1 - body['now']
+    start, end = corner_at(x, half, body, edge, 0), corner_at(x, half, body, edge, 1)
+    third, fourth = corner_at(x, half, body, edge, 2), corner_at(x, half, body, edge, 3)
+    return cross(minus(end, start), minus(third, fourth))
 
 
 @helper

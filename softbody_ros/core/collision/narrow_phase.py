@@ -5,7 +5,8 @@ Narrow phase: vertex-face contacts between bodies.
 
 A particle is transformed into the rest shape of the other body by the inverse of its match, where
 a static tree finds the nearest face; depth and normal are those of the deformed face. So contact
-is with the deformed surface, at the cost of queries in a rigid one.
+is with the deformed surface, at the cost of queries in a rigid one. If a particle is so fast that
+it may have passed through, the face is that where its path enters.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import math
 import numpy as np
 
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.geometry.bvh import Trees, closest_face
+from softbody_ros.core.geometry.bvh import Trees, closest_face, signed_distance_from_mesh
 from softbody_ros.core.geometry.vectors import (
     NO_MATRIX,
     ZERO,
@@ -41,6 +42,9 @@ EDGE_ALLOWANCE = 0.015
 PASSING_DEPTH, PASSING_COSINE, PASSING_INSET = 0.01, 0.3, 0.9
 """Depth, in RMS radii, and cosine between the surface normals of both bodies above which a
 particle is passing through; then this offset selects the face towards its own body's centre."""
+ENTRY, ENTRY_STEPS = 0.01, 64
+"""Tolerance of the distance where a fast particle gets in, relative to its path, and most steps to
+get there."""
 
 CONTACT = np.dtype(
     [
@@ -162,6 +166,25 @@ def find_contacts(
             if not passing:
                 break
             inset = PASSING_INSET
+        if touches and is_movable and surface['pieces'] == 1:
+            way = way_past(x, bodies[awake[owner]], particle, body, point)
+            fast = surface['thinness'] * surface['thinness']
+            if dot(way, way) > fast and dot(way, normal) > 0.0:
+                # it leaves here, so it may have come in elsewhere
+                end = plus(applied(to_rest, minus(point, match_place)), origin)
+                start = minus(end, applied(to_rest, way))
+                enters, entry = entry_of(trees, surface['tree'], start, end, surface['thinness'])
+                if enters:
+                    row, _, _, _ = closest_face(trees, surface['tree'], entry, np.inf)
+                    face = trees[2][row]['index']
+                    corners = faces[surface['first_face'] + face]
+                    height, normal, barycentric = project_on_triangle(
+                        point,
+                        particle_at(x, half, begin + corners[0]),
+                        particle_at(x, half, begin + corners[1]),
+                        particle_at(x, half, begin + corners[2]),
+                    )
+                    touches = height < reach and dot(normal, normal) > 0.5
         if not touches:
             continue
 
@@ -180,6 +203,38 @@ def find_contacts(
         contact['depth'] = reach - height
         found += 1
     return found
+
+
+@helper
+def way_past(x: np.ndarray, owner: np.void, particle: int, body: np.void, point: Vector) -> Vector:
+    """Return the displacement of a particle in the tick relative to another body, m."""
+    before = particle_at(x, owner['now'], owner['first'] + particle)
+    turned = applied(matrix_of(body['turn']), minus(before, vector_of(body['start_centre'])))
+    return minus(point, plus(vector_of(body['centre']), turned))
+
+
+@helper
+def entry_of(
+    trees: Trees, tree: int, start: Vector, end: Vector, thinness: float
+) -> tuple[bool, Vector]:
+    """
+    Return whether a path enters a closed surface from outside, and where.
+
+    The distance is a safe step, as in `swept_contact.first_touch`. Along the surface steps are at
+    least half of `thinness`, m.
+    """
+    path = minus(end, start)
+    length, covered = norm(path), 0.0
+    tolerance, least = ENTRY * length, max(0.5 * thinness, length / ENTRY_STEPS)
+    for step in range(ENTRY_STEPS):
+        place = along(start, covered / length, path)
+        distance, normal = signed_distance_from_mesh(trees, tree, place)
+        if distance <= tolerance:
+            return (step > 0 or distance > -tolerance) and dot(normal, path) < 0.0, place
+        covered += max(distance, least) if dot(normal, path) > 0.0 else distance
+        if not covered < length:
+            break
+    return False, end
 
 
 @helper
