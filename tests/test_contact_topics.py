@@ -5,9 +5,11 @@
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 from simulated_clock import SECOND, ClockSource
+from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softbody_ros.core.external_inputs import MOST_DYNAMIC_OBSTACLES
@@ -34,6 +36,16 @@ def torque_of(message):
     """Return the torque (3,), N m."""
     torque = message.wrench.torque
     return np.array([torque.x, torque.y, torque.z])
+
+
+def impulse_of(messages, clouds, start):
+    """Return the sum (3,) of forces times the time since the output before, N s."""
+    outputs, total = [stamp_of(cloud) for cloud in clouds], np.zeros(3)
+    for message in messages:
+        end = stamp_of(message)
+        begin = max((stamp for stamp in outputs if stamp < end), default=start)
+        total += force_of(message) * (end - begin)
+    return total
 
 
 def test_contacts_of_each_body_and_one_zero_when_they_end(graph):
@@ -99,14 +111,49 @@ def test_nothing_of_an_impact_is_lost_between_messages(graph):
     assert sim._world.is_asleep('ball')
     graph.spin_until(lambda: len(clouds) > 70 and len(ground) > 60 and len(body) > 60)
     start = sim._stepper.time_of(0) * 1e-9
-    outputs = [stamp_of(cloud) for cloud in clouds]
     for messages, sign in ((body, 1.0), (ground, -1.0)):
-        impulse = 0.0
-        for message in messages:
-            end = stamp_of(message)
-            begin = max((stamp for stamp in outputs if stamp < end), default=start)
-            impulse += sign * force_of(message)[2] * (end - begin)
+        impulse = sign * impulse_of(messages, clouds, start)[2]
         assert impulse == pytest.approx(3.0 * G * (stamp_of(messages[-1]) - start), rel=1e-4)
+
+
+STAND = """<robot name="stand"><link name="table"><collision><origin xyz="0 0 0.5"/>
+<geometry><box size="2 2 0.2"/></geometry></collision></link></robot>"""
+
+
+@pytest.mark.parametrize('plate', ['marker', 'link'])
+def test_nothing_of_an_impact_on_what_comes_between_messages_is_lost(graph, plate):
+    """A plate comes right under the ball, which has bounced off before the next output."""
+    sim = graph.sim_node(
+        use_sim_time=True, points_rate=5.0, gravity__magnitude=0.0, obstacles=[''],
+        ball__mode='rigid', ball__elasticity=1.0, ball__subdivisions=1, ball__mass=2.0,
+        ball__position=[0.0, 0.0, 3.8], ball__initial_velocity__linear=[0.0, 0.0, -10.0],
+        robot__links=['*'],
+    )  # fmt: skip
+    clock = ClockSource(graph, sim)
+    clouds = graph.collect(PointCloud2, f'{SIM}/points')
+    felt = graph.collect(WrenchStamped, f'{SIM}/obstacle_contacts')
+    graph.spin_until(sim._contacts._obstacles.get_subscription_count)
+    for hundredths in (100, 120, 125):
+        clock.reach(hundredths * SECOND // 100)
+    if plate == 'marker':
+        marker = Marker(ns='plate', type=Marker.CUBE)
+        marker.header.frame_id = 'world'
+        marker.pose.position.z, marker.pose.orientation.w = 0.5, 1.0
+        marker.scale.x, marker.scale.y, marker.scale.z = 2.0, 2.0, 0.2
+        sender = graph.node.create_publisher(MarkerArray, f'{SIM}/obstacles', 10)
+        graph.spin_until(sender.get_subscription_count)
+        sender.publish(MarkerArray(markers=[marker]))
+    else:
+        qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        graph.node.create_publisher(String, '/robot_description', qos).publish(String(data=STAND))
+    graph.spin_until(lambda: sim._world.obstacles)
+    assert sim._world.velocities('ball')[0] == pytest.approx([0.0, 0.0, -10.0], abs=1e-9)
+    for hundredths in (140, 160, 180):
+        clock.reach(hundredths * SECOND // 100)
+    graph.spin_until(lambda: felt and not force_of(felt[-1]).any())
+    change = 2.0 * (sim._world.velocities('ball')[0] - [0.0, 0.0, -10.0])
+    assert change == pytest.approx([0.0, 0.0, 40.0], rel=1e-3, abs=1e-3)
+    assert -impulse_of(felt, clouds, 1.0) == pytest.approx(change, abs=1e-6)
 
 
 def test_what_an_obstacle_holds_is_on_the_topics_of_both(graph):

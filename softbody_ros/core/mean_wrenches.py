@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from softbody_ros.core.contact_forces import ContactImpulse, ContactWrench, ObstacleKey
@@ -23,8 +25,8 @@ class MeanWrenches:
     >>> force, torque = means.obstacle_wrench('ground')
 
     At the first time it is the mean since the reader was made, or since the body or obstacle was
-    added. If there was no tick since then, it is the wrench of the last tick; so it is, once for
-    each, after `World.reset` and `World.restore`, where the means begin anew.
+    added, see `begin_period`. If there was no tick since then, it is the wrench of the last tick;
+    so it is, once for each, after `World.reset` and `World.restore`, where the means begin anew.
 
     Parameters
     ----------
@@ -51,6 +53,17 @@ class MeanWrenches:
         key, now = self._world.obstacle_key(name), self._world.obstacle_impulse(name)
         return self._mean(self._obstacles, key, now) or self._world.obstacle_wrench(name)
 
+    def begin_period(self) -> None:
+        """
+        Begin a period: what is added during it has felt nothing in it before.
+
+        Its first mean is over the whole period, as those of all others: times the length of the
+        periods, means sum up to what was exchanged. It is for readers who ask for all at once.
+        """
+        if self._time_jumps != self._world.time_jumps:
+            self._begin()
+        self._period_begins = self._world.time
+
     def forget(self, name: ObstacleKey) -> None:
         """Forget a body or an obstacle that has been removed."""
         self._bodies.pop(name, None)
@@ -61,6 +74,7 @@ class MeanWrenches:
         """Begin all means at the present tick."""
         world = self._world
         self._time_jumps = world.time_jumps
+        self._period_begins = math.inf
         self._bodies: _Integrals = {name: world.contact_impulse(name) for name in world.names}
         self._pins: _Integrals = {name: world.pin_impulse(name) for name in world.names}
         self._obstacles: _Integrals = {
@@ -77,6 +91,7 @@ class MeanWrenches:
         before = last.get(key)
         if before is None or before.start != now.start:
             # it has been added since
-            before = ContactImpulse(np.zeros(3), np.zeros(3), now.start, now.start)
+            begin = min(now.start, self._period_begins)
+            before = ContactImpulse(np.zeros(3), np.zeros(3), now.start, begin)
         last[key] = now
         return now.mean_since(before) if now.end > before.end else None

@@ -38,7 +38,8 @@ class ContactTopics:
     between a hand and its finger measures it. `~/contacts`, `~/pins` and `~/obstacle_contacts`
     have all, the last one also links of a robot, each as a whole in its own frame, and markers and
     points of others. Each output has one message, the mean since the one before; none without
-    force, but one of zeros when it has ended. The first one to a new listener is of the last tick.
+    force, but one of zeros when it has ended. What has come since is no exception: before, it felt
+    nothing. The first message of what nobody listened to at the output before is of the last tick.
 
     Parameters
     ----------
@@ -51,7 +52,9 @@ class ContactTopics:
         self._world, self._publishers, self._means = world, publishers, MeanWrenches(world)
         # no name is that of a body and of an obstacle; of pins: with their topic
         self._was_in_contact: dict[ObstacleKey | tuple[str, str], bool] = {}
-        # of the obstacles and links at the last message
+        # of those that were there at the last output: nobody listened
+        self._unheard: set[ObstacleKey | tuple[str, str]] = set()
+        # of the obstacles and links at the last output
         self._frame_ids: dict[ObstacleKey, str] = {}
         self._body: dict[str, Publisher] = {}
         self._pin: dict[str, Publisher] = {}
@@ -95,8 +98,9 @@ class ContactTopics:
         for name in own.keys() - set(names):
             self._publishers.destroy(own.pop(name))
             if topic is not interfaces.OBSTACLE_CONTACTS:  # of these see _end_gone
-                self._was_in_contact.pop(name, None)
-                self._was_in_contact.pop(('pins', name), None)
+                for key in (name, ('pins', name)):
+                    self._was_in_contact.pop(key, None)
+                    self._unheard.discard(key)
                 self._means.forget(name)
         for name in names:
             if name not in own:
@@ -157,6 +161,7 @@ class ContactTopics:
             _send(listeners, stamp, frame, rotation, wrench)
         self._publish_links(stamp, frame_ids)
         self._end_gone(stamp, every, frame_ids)
+        means.begin_period()
 
     def _end_gone(
         self, stamp: int, listeners: list[Publisher], frame_ids: dict[ObstacleKey, str]
@@ -166,6 +171,7 @@ class ContactTopics:
         for key, frame_id in before.items():
             if key not in frame_ids:
                 self._means.forget(key)
+                self._unheard.discard(key)
                 if self._was_in_contact.pop(key, False):
                     _send(listeners, stamp, frame_id, IDENTITY, NOTHING)
 
@@ -180,9 +186,11 @@ class ContactTopics:
         """Return the wrench of a body or an obstacle that is to be published, if there is one."""
         if not listeners:
             self._was_in_contact.pop(key, None)
+            self._unheard.add(key)
             return None
         since_last = mean(name)
-        force, torque = since_last if key in self._was_in_contact else last(name)
+        force, torque = last(name) if key in self._unheard else since_last
+        self._unheard.discard(key)
         was_in_contact = self._was_in_contact.get(key, False)
         self._was_in_contact[key] = bool(force.any() or torque.any())
         return (force, torque) if was_in_contact or self._was_in_contact[key] else None
