@@ -6,13 +6,14 @@ from array import array
 import dataclasses
 import math
 import re
+import sys
 
 from core_helpers import sheet
 import numpy as np
 import pytest
 
 from softbody_ros.core import BodyConfig, ConfigError, ObstacleConfig, World, WorldConfig
-from softbody_ros.core.config import Setting, checked, settings
+from softbody_ros.core.config import Setting, checked, settings, shown
 
 pytestmark = pytest.mark.oldest
 
@@ -227,6 +228,34 @@ def test_a_list_must_be_one(value):
         if wrong != ['xyz']:
             with pytest.raises(ConfigError, match=r'^names is .*: it must be a list of names$'):
                 checked('names', wrong, names)
+
+
+@pytest.mark.parametrize('kind', [list, tuple, np.array, lambda given: array('q', given)])
+def test_a_long_list_is_checked_as_a_whole(kind):
+    """Not by a call for each number: the node waits meanwhile."""
+
+    def calls(count):
+        made, value = [], kind(list(range(count)))
+        sys.setprofile(lambda frame, event, _: made.append(frame.f_code.co_name))
+        try:
+            config = BodyConfig(pins_indices=value)
+        finally:
+            sys.setprofile(None)
+        assert config.pins_indices == tuple(range(count))
+        return len(made)
+
+    assert calls(3000) == calls(3)
+
+
+@pytest.mark.parametrize('item', ['1', None, True, 1.0, math.nan, -2, 10**400])
+def test_a_wrong_number_in_a_long_list_is_refused_as_in_a_short_one(item):
+    for count in (0, 3, 3000):
+        value = [*range(count), item]
+        message = refusal(BodyConfig, 'pins_indices', value)
+        assert_one_sentence(message, BodyConfig, 'pins.indices')
+        assert message.replace(shown(value), '') == refusal(
+            BodyConfig, 'pins_indices', [item]
+        ).replace(shown([item]), '')
 
 
 @pytest.mark.parametrize('item', ['1', None, True, [1.0]])

@@ -85,7 +85,7 @@ def moves_alike(one: BodyConfig, other: BodyConfig) -> bool:
     if one is other:
         return True
     start = {field: getattr(other, field) for field in START_STATE}
-    return dataclasses.replace(one, **start) == other
+    return one.with_values(**start) == other
 
 
 def require_same_structure(old: WorldConfig, new: WorldConfig) -> None:

@@ -10,7 +10,6 @@ the config of the core and the reference pages (`python3 tools/write_reference.p
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-import dataclasses
 from dataclasses import dataclass
 import difflib
 import math
@@ -312,7 +311,7 @@ def _with_mesh_path(config: _HasMesh) -> _HasMesh:
     paths: dict[str, Any] = {
         field: mesh_path(str(getattr(config, field))) for field in mesh_fields(config)
     }
-    return dataclasses.replace(config, **paths)
+    return config.with_values(**paths)
 
 
 def mesh_fields(config: BodyConfig | ObstacleConfig) -> tuple[str, ...]:

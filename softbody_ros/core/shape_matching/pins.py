@@ -166,14 +166,14 @@ def particles_of(
     prefix: str, indices: Sequence[int], box: Sequence[float], rest: RestShape
 ) -> np.ndarray:
     """Return the indices of particles that are named, or in a box of the mesh, in order."""
-    beyond = [index for index in indices if index >= rest.surface_count]
-    if beyond:
+    count, named = rest.surface_count, np.array(indices, dtype=np.int64)
+    if (named >= count).any():
         raise ConfigError(
-            f'{prefix}.indices has {beyond[0]}: the mesh has the vertices 0 to '
-            f'{rest.surface_count - 1}'
+            f'{prefix}.indices has {named[named >= count][0]}: the mesh has the vertices 0 to '
+            f'{count - 1}'
         )
-    chosen = np.zeros(rest.surface_count, dtype=bool)
-    chosen[list(indices)] = True
+    chosen = np.zeros(count, dtype=bool)
+    chosen[named] = True
     if any(box):
         corners = np.reshape(box, (2, 3))
         vertices = rest.surface.vertices
