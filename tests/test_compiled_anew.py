@@ -18,7 +18,6 @@ pytestmark = pytest.mark.compile
 NOT_OF_A_TICK = (
     'shape_matching.polar_decomposition.rotate_all',
     'collision.obstacles._distances',
-    'collision.obstacle_contacts.contacts_of',
 )
 """Kernels that no simulation runs: they are compiled when they are called."""
 

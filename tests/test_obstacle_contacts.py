@@ -13,10 +13,11 @@ import trimesh
 from softbody_ros.core import ObstacleConfig, Surface
 from softbody_ros.core.body import BODY
 from softbody_ros.core.collision import obstacle_contacts
-from softbody_ros.core.collision.obstacle_contacts import CONTACT, contacts_of
+from softbody_ros.core.collision.obstacle_contacts import CONTACT
 from softbody_ros.core.collision.obstacles import ObstacleTable, made, moved
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.config import OBSTACLE_TYPES
+from softbody_ros.core.geometry.bounding_boxes import box_around
 
 pytestmark = [pytest.mark.oldest, pytest.mark.plain]
 
@@ -52,6 +53,38 @@ def bodies_at(x):
     bodies['count'] = bodies['surface'] = x.shape[2]
     bodies['first'] = np.arange(len(x)) * x.shape[2]
     return bodies
+
+
+@kernel
+def contacts_of(bodies, chosen, reach, x, other, sweep, records, trees, contacts):
+    """
+    Write the contacts of chosen bodies, sorted by body, then obstacle; return their number.
+
+    `other` is whether that of the halves x (2, 3, N) is meant that is being computed, `sweep`
+    whether paths from the state to there are followed.
+    """
+    found = 0
+    for k in range(len(chosen)):
+        body = bodies[chosen[k]]
+        first, count, now = body['first'], body['surface'], body['now']
+        start = x[now]
+        present = x[1 - now] if other else start
+        low, high = box_around(present, first, count)
+        low_before, high_before = low, high
+        if sweep:
+            low_before, high_before = box_around(start, first, count)
+        for j in range(len(records)):
+            if not obstacle_contacts.may_touch(
+                records[j], low, high, low_before, high_before, reach[k]
+            ):
+                continue
+            begin = found
+            found = obstacle_contacts.find_contacts(
+                records[j], trees, present, start, first, count, reach[k], sweep, contacts, found
+            )
+            for index in range(begin, min(found, len(contacts))):
+                contacts[index]['body'], contacts[index]['obstacle'] = chosen[k], j
+    return found
 
 
 def find(x, obstacles, thickness, start=None, chosen=None):

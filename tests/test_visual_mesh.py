@@ -218,6 +218,8 @@ def test_the_simulation_does_not_notice_what_it_carries(scan):
     np.testing.assert_array_equal(plain.positions('ball'), carrying.positions('ball'))
     assert plain.visual_surface('ball') is plain.rest_shape('ball').surface
     np.testing.assert_array_equal(plain.visual_positions('ball'), plain.positions('ball'))
+    given = 2.0 * plain.positions('ball')
+    assert plain.visual_positions('ball', given) is given
     assert carrying.visual_positions('ball').shape == (2562, 3)
 
 
@@ -384,9 +386,9 @@ def test_films_show_the_fine_surface_and_archives_have_the_particles(scan, tmp_p
     archive = np.load(tmp_path / 'film.npz')
     assert archive['ball.positions'].shape == (3, 200, 3)
     assert len(archive['ball.faces']) == 396
-    embedding = film.world.embedding('ball')
     np.testing.assert_array_equal(
-        embedding.positions(archive['ball.positions'][1]), frames[1].pictures['ball']
+        film.world.visual_positions('ball', archive['ball.positions'][1]),
+        frames[1].pictures['ball'],
     )
 
 

@@ -37,6 +37,8 @@ LEAST = {'density': 1e-6, 'young_modulus': 1e-3}
 """Least values of settings that are off at 0, kg/m³ and Pa: frequencies follow from them."""
 LARGEST = 1e6
 """Largest magnitude of a vector component: beyond it float64 loses the micrometre."""
+FASTEST = 1e4
+"""Largest magnitude of a component of a velocity, m/s or rad/s."""
 MOST_CHARACTERS, MOST_ITEMS = 80, 12
 """Of a value, or of a list, that are shown in a sentence."""
 
@@ -389,13 +391,13 @@ class BodyConfig(Checked):
         (0.0, 0.0, 0.0),
         'Initial velocity of the centre of mass, set at the start, by ~/reset and by '
         '~/apply_initial_velocity',
-        unit='m/s', minimum=-1e4, maximum=1e4, group='initial_velocity',
+        unit='m/s', minimum=-FASTEST, maximum=FASTEST, group='initial_velocity',
     )  # fmt: skip
     initial_velocity_angular: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0),
         'Initial angular velocity about the centre of mass in world axes, set at the start, by '
         '~/reset and by ~/apply_initial_velocity',
-        unit='rad/s', minimum=-1e4, maximum=1e4, group='initial_velocity',
+        unit='rad/s', minimum=-FASTEST, maximum=FASTEST, group='initial_velocity',
     )  # fmt: skip
     mass: float = setting(
         1.0, 'Total mass of the body, in effect if density is 0', unit='kg', minimum=1e-6,
@@ -489,11 +491,11 @@ class BodyConfig(Checked):
     )  # fmt: skip
     pins_velocity_linear: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0), 'Velocity of the pinned vertices in world axes', unit='m/s',
-        minimum=-1e4, maximum=1e4, group='pins.velocity',
+        minimum=-FASTEST, maximum=FASTEST, group='pins.velocity',
     )  # fmt: skip
     pins_velocity_angular: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0), 'Angular velocity of the pinned vertices about their centre in world '
-        'axes', unit='rad/s', minimum=-1e4, maximum=1e4, group='pins.velocity',
+        'axes', unit='rad/s', minimum=-FASTEST, maximum=FASTEST, group='pins.velocity',
     )  # fmt: skip
     attach_to: str = setting(
         '', 'Name of the obstacle or robot link to which the vertices of attach.indices, '
@@ -622,16 +624,16 @@ class ObstacleConfig(Checked):
     )  # fmt: skip
     velocity_linear: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0), 'Velocity of the origin of the obstacle in world axes', unit='m/s',
-        minimum=-1e4, maximum=1e4, group='velocity',
+        minimum=-FASTEST, maximum=FASTEST, group='velocity',
     )  # fmt: skip
     velocity_angular: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0), 'Angular velocity of the obstacle about its origin in world axes',
-        unit='rad/s', minimum=-1e4, maximum=1e4, group='velocity',
+        unit='rad/s', minimum=-FASTEST, maximum=FASTEST, group='velocity',
     )  # fmt: skip
     surface_velocity: tuple[float, ...] = _vector(
         (0.0, 0.0, 0.0),
         'Velocity of the surface along itself in the axes of the obstacle, as of a conveyor '
-        'belt, while the obstacle stays in place', unit='m/s', minimum=-1e4, maximum=1e4,
+        'belt, while the obstacle stays in place', unit='m/s', minimum=-FASTEST, maximum=FASTEST,
     )  # fmt: skip
     friction: float = setting(
         -1.0, 'Friction coefficient of the obstacle, combined with that of a body by the '

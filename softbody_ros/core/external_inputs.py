@@ -13,7 +13,6 @@ from collections.abc import Iterable, Mapping
 import dataclasses
 from dataclasses import dataclass, field
 from functools import cached_property
-import math
 from typing import TypeAlias
 
 import numpy as np
@@ -22,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from softbody_ros.core.collision import obstacles
 from softbody_ros.core.collision.obstacles import Obstacle
 from softbody_ros.core.collision.point_obstacles import NO_POINTS, PointObstacles
-from softbody_ros.core.config import ObstacleConfig, settings
+from softbody_ros.core.config import FASTEST, ObstacleConfig
 
 MOST_DYNAMIC_OBSTACLES = 1000
 """Largest number of obstacles added at run time."""
@@ -35,7 +34,6 @@ NEVER = 2**62
 Key = tuple[str, int]
 Twist = tuple[tuple[float, ...], tuple[float, ...]]
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-_FACTS = {name: facts for name, _, facts in settings(ObstacleConfig)}
 
 
 @dataclass(frozen=True)
@@ -409,7 +407,6 @@ def _velocity(
     linear = (np.array(new.position) - old.position) / gap
     change = Rotation.from_quat(new.orientation) * Rotation.from_quat(old.orientation).inv()
     angular = change.as_rotvec() / gap
-    fastest = _FACTS['velocity_linear'].maximum or math.inf
-    if max(np.abs(linear).max(), np.abs(angular).max()) > fastest:
+    if max(np.abs(linear).max(), np.abs(angular).max()) > FASTEST:
         return _STILL  # not a motion: it was placed elsewhere
     return tuple(linear.tolist()), tuple(angular.tolist())

@@ -1510,10 +1510,21 @@ class World:
         body = self._bodies[self._index_of(name)]
         return body.rest.surface if body.embedding is None else body.embedding.visual
 
-    def visual_positions(self, name: str) -> np.ndarray:
-        """Return (k, 3) float: the positions of the vertices of `visual_surface`, m."""
-        body, x = self._bodies[self._index_of(name)], self.positions(name)
-        return x if body.embedding is None else body.embedding.positions(x)
+    def visual_positions(self, name: str, positions: np.ndarray | None = None) -> np.ndarray:
+        """
+        Return (k, 3) float: the positions of the vertices of `visual_surface`, m.
+
+        Parameters
+        ----------
+        name : str
+        positions : (n, 3) float, optional
+            of the simulated surface, for whoever has them, or others than the present ones, m;
+            returned as they are where that is the one shown
+
+        """
+        embedding = self._bodies[self._index_of(name)].embedding
+        x = self.positions(name) if positions is None else positions
+        return x if embedding is None else embedding.positions(x)
 
     def visual_start_positions(self, name: str) -> np.ndarray:
         """Return (k, 3) float: `visual_positions` at the start, to which `reset` returns, m."""

@@ -102,10 +102,7 @@ class Film:
             world.step(tick - world.tick)
             positions = {name: world.positions(name) for name in world.names}
             pictures = {
-                name: each
-                if (carried := world.embedding(name)) is None
-                else carried.positions(each)
-                for name, each in positions.items()
+                name: world.visual_positions(name, each) for name, each in positions.items()
             }
             standing = {item.config.name: item for item in world.obstacles}
             yield Frame(index, positions, pictures, standing)

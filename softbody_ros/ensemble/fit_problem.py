@@ -145,7 +145,7 @@ def matches(problem: Problem, coordinates: np.ndarray) -> list[Match]:
                 nearest[k][rows] = every[target.vertices[rows]]
                 continue
             shown = np.concatenate(
-                [_shown(world, name, positions[name]) for name in target.bodies]
+                [world.visual_positions(name, positions[name]) for name in target.bodies]
             )
             away, normal = make_tree(Surface(shown, faces[k])).distance(target.points[rows])
             nearest[k][rows] = target.points[rows] - away[:, None] * normal
@@ -177,11 +177,6 @@ def _states(world: World, times: np.ndarray) -> Iterator[dict[str, np.ndarray]]:
             yield {name: x + part * (there[name] - x) for name, x in here.items()}
         else:
             yield here
-
-
-def _shown(world: World, name: str, positions: np.ndarray) -> np.ndarray:
-    carried = world.embedding(name)
-    return positions if carried is None else carried.positions(positions)
 
 
 def _faces(world: World, bodies: tuple[str, ...]) -> np.ndarray:

@@ -394,9 +394,7 @@ class SimNode(Node):
 
     def _publish_mesh(self, stamp: int, positions: Callable[[str], np.ndarray]) -> None:
         for name in self._world.names:
-            embedding, vertices = self._world.embedding(name), positions(name)
-            if embedding is not None:
-                vertices = embedding.positions(vertices)
+            vertices = self._world.visual_positions(name, positions(name))
             faces = self._world.visual_surface(name).faces
             # several times faster than fancy indexing
             corners = vertices.take(faces.reshape(-1), axis=0)

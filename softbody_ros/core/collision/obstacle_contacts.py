@@ -21,8 +21,7 @@ from softbody_ros.core.collision.obstacles import (
 )
 from softbody_ros.core.collision.shapes import PLANE
 from softbody_ros.core.collision.swept_contact import first_touch
-from softbody_ros.core.compiled import helper, kernel
-from softbody_ros.core.geometry.bounding_boxes import box_around
+from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import (
     IDENTITY,
@@ -365,66 +364,3 @@ def _largest_displacement(
         most_x, most_y = max(most_x, abs(displacement[0])), max(most_y, abs(displacement[1]))
         most_z = max(most_z, abs(displacement[2]))
     return (most_x, most_y, most_z)
-
-
-# ------------------------------------------------------------------------------------- from Python
-@kernel
-def contacts_of(
-    bodies: np.ndarray,
-    chosen: np.ndarray,
-    reach: np.ndarray,
-    x: np.ndarray,
-    other: bool,
-    sweep: bool,
-    obstacles: np.ndarray,
-    trees: Trees,
-    contacts: np.ndarray,
-) -> int:
-    """
-    Write all contacts of some bodies with obstacles, sorted by body, then obstacle.
-
-    Parameters
-    ----------
-    bodies : (B,) BODY
-    chosen : (b,) int
-        which of them
-    reach : (b,) float
-        contact distance of each body, m
-    x : (2, 3, N) float
-        positions of particles, m
-    other : bool
-        whether to use the half of x that is being computed instead of the state
-    sweep : bool
-        whether to use continuous collision detection from the state to there
-    obstacles : (o,) OBSTACLE
-    trees : Trees
-        of the meshes of obstacles
-    contacts : (C,) CONTACT
-
-    Returns
-    -------
-    int
-        their number, which may exceed the capacity C
-
-    """
-    found = 0
-    for k in range(len(chosen)):
-        body = bodies[chosen[k]]
-        first, count, now = body['first'], body['surface'], body['now']
-        start = x[now]
-        present = x[1 - now] if other else start
-        low, high = box_around(present, first, count)
-        low_before, high_before = low, high
-        if sweep:
-            low_before, high_before = box_around(start, first, count)
-        for j in range(len(obstacles)):
-            obstacle = obstacles[j]
-            if not may_touch(obstacle, low, high, low_before, high_before, reach[k]):
-                continue
-            begin = found
-            found = find_contacts(
-                obstacle, trees, present, start, first, count, reach[k], sweep, contacts, found
-            )
-            for index in range(begin, min(found, len(contacts))):
-                contacts[index]['body'], contacts[index]['obstacle'] = chosen[k], j
-    return found
