@@ -492,6 +492,18 @@ def test_a_file_for_another_node_is_the_default_scene_with_a_warning(run_main, c
     assert np.load('a.npz')['bodies'].tolist() == ['ball']
 
 
+def test_a_scene_may_come_through_a_pipe_which_is_read_once(run_main, capsys):
+    reading, writing = os.pipe()
+    os.write(writing, b'/**: {ros__parameters: {bodies: [a, b]}}')
+    os.close(writing)
+    try:
+        assert run_main(f'/dev/fd/{reading}', '--seconds', '0', '-o', 'a.npz') == 0
+    finally:
+        os.close(reading)
+    assert capsys.readouterr().err == ''
+    assert np.load('a.npz')['bodies'].tolist() == ['a', 'b']
+
+
 @pytest.mark.parametrize('obstacles', ['[]', '[ground]'])
 def test_a_scene_without_bodies_is_a_film(run_main, tmp_path, obstacles):
     scene = tmp_path / 'empty.yaml'

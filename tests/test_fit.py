@@ -628,6 +628,11 @@ def alive(pid):
         (['film.npz', '-p', 'ball.mode'], 'ball.mode cannot be fitted: it is a choice'),
         (['film.npz', '-p', 'ball.stiffness', '-o', 'x.txt'], 'the output x.txt has an unknown'),
         (['film.npz', '-p', 'ball.stiffness', '-o', 'no/x.yaml'], 'the folder of the output no/x'),
+        (['film.npz', '-p', 'ball.stiffness', '--workers', '0'], '--workers is 0: it must be at'),
+        (
+            ['film.npz', '-p', 'ball.stiffness', '--workers', '1', '--scheduler', 'tcp://a:1'],
+            '--workers is of this machine: leave it out beside --scheduler',
+        ),
         (['film.npz', '-p', 'ball.stiffness', '--from', '7'], 'the observation lasts from 0 to'),
         (['film.npz', '-p', 'ball.stiffness', '-p', 'ball.mass:=-1'], 'ball.mass is -1'),
         (['film.npz', '-p', 'ball.stiffness', '-p', 'time_offset:=1.0'], 'time_offset is fitted'),

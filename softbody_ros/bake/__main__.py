@@ -6,18 +6,26 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
+from functools import partial
 import importlib
 import importlib.util
-import os
 from pathlib import Path
-import signal
 import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from softbody_ros.offline_command import Refusal, path_argument
+from softbody_ros.ensemble.offline_command import (
+    Refusal,
+    ended,
+    make_parser,
+    path_argument,
+    require_packages,
+    require_writable,
+    say,
+    scene_values,
+    stop_after,
+)
 from softbody_ros.signals import noted_signals
-from softbody_ros.startup import without_garbage_collection
 
 if TYPE_CHECKING:
     from softbody_ros.bake.writing import Writer
@@ -29,6 +37,7 @@ NPZ = ('softbody_ros.bake.npz', 'NpzWriter', 'numpy', 'numpy')
 FORMATS = {'.usdc': USD, '.usda': USD, '.usd': USD, '.glb': GLTF, '.npz': NPZ}
 """By suffix: module, writer, the module that it requires, and the package of that."""
 LARGE_GLB = 100e6
+_warn = partial(say, 'bake')
 
 DESCRIPTION = """\
 Simulates a scene offline, as fast as it goes, and writes it as a film:
@@ -57,32 +66,18 @@ one is whole; after Ctrl-C it is as it was.
 
 def main(arguments: list[str] | None = None) -> int:
     """Bake as the command line says; return 0, 1 with one sentence, or 128 + signal."""
-    # nothing is written yet: a signal may end the process at once, without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    options = parser().parse_args(arguments)
-    with without_garbage_collection():
-        from softbody_ros.core import ConfigError, MeshError, SimulationError
+    return ended(parser(), arguments, _run, _explained)
 
-    try:
-        return _run(options)
-    except (Refusal, ConfigError, MeshError, SimulationError) as error:
-        reason = str(error)
-    except OSError as error:
-        reason = f'the film cannot be written: {error.strerror or error}'
-    except MemoryError:
-        reason = 'the film does not fit into memory: take fewer frames or coarser meshes'
-    _warn(reason)
-    return 1
+
+def _explained(error: Exception) -> str:
+    if isinstance(error, OSError):
+        return f'the film cannot be written: {error.strerror or error}'
+    return 'the film does not fit into memory: take fewer frames or coarser meshes'
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the arguments."""
-    result = argparse.ArgumentParser(
-        prog='bake',
-        description=DESCRIPTION,
-        epilog=DETAILS,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    result = make_parser('bake', DESCRIPTION, DETAILS)
     result.add_argument('scene', metavar='SCENE.yaml', help='parameter file of sim_node')
     result.add_argument(
         '--seconds', type=float, default=5.0, help='length in simulated time (default: 5)'
@@ -102,11 +97,11 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> None:
     from softbody_ros.core.warm_up import compile_ahead
     from softbody_ros.ensemble.running import run
 
-    values = _values(options)
+    values = scene_values('bake', 'baked', options.scene, options.param)
     outputs = options.output or [_default_output(options.scene)]
     writers = [_writer(path) for path in outputs]
     places = [path.resolve() for path in outputs]
@@ -123,7 +118,6 @@ def _run(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
     _write(film, writers, outputs, signals)
     _report(film, outputs, time.perf_counter() - begin)
-    return 0
 
 
 def _default_output(scene: str) -> Path:
@@ -137,31 +131,10 @@ def _writer(path: Path) -> Any:
         raise Refusal(
             f'the output {path} has an unknown suffix: end it with one of {", ".join(FORMATS)}'
         )
-    if not path.parent.is_dir():
-        raise Refusal(f'the folder of the output {path} does not exist: create {path.parent}')
-    if path.is_dir():
-        raise Refusal(f'the output {path} is a folder: give the name of a file')
-    if not os.access(path.parent, os.W_OK):
-        raise Refusal(f'the folder of the output {path} cannot be written to')
+    require_writable(path)
     module, writer, needed, package = FORMATS[path.suffix]
-    if importlib.util.find_spec(needed) is None:
-        raise Refusal(
-            f'{path.suffix} needs {package}, which is not installed: pip install {package} '
-            "(or, in the clone, '.[bake]' for all formats), or bake an .npz"
-        )
+    require_packages(path.suffix, {needed: package}, 'bake', ', or bake an .npz')
     return getattr(importlib.import_module(module), writer)
-
-
-def _values(options: argparse.Namespace) -> dict[str, Any]:
-    from softbody_ros.scene import parameters
-    from softbody_ros.scene.scene_file import NODE, read_scene
-
-    if not read_scene(options.scene):
-        _warn(f'scene {options.scene} has no parameters for {NODE}: the default scene is baked')
-    values, unknown = parameters.known_values(read_scene(options.scene, options.param))
-    for name, hint in unknown.items():
-        _warn(f'parameter {name} is unknown and ignored: {hint}')
-    return values
 
 
 def _warn_if_large(path: Path, film: Film) -> None:
@@ -177,18 +150,10 @@ def _warn_if_large(path: Path, film: Film) -> None:
         )
 
 
-def _warn(sentence: str) -> None:
-    print('bake:', sentence, file=sys.stderr)
-
-
 def _write(film: Film, kinds: list[Any], outputs: list[Path], signals: list[int]) -> None:
     from tqdm import tqdm
 
     from softbody_ros.whole_file import whole_file
-
-    def stop_if_asked() -> None:
-        if signals:
-            raise SystemExit(128 + signals[0])
 
     with ExitStack() as stack:
         writers: list[Writer] = [
@@ -201,10 +166,10 @@ def _write(film: Film, kinds: list[Any], outputs: list[Path], signals: list[int]
         ):
             for writer in writers:
                 writer.add(frame)
-            stop_if_asked()
+            stop_after(signals)
         for writer in writers:
             writer.finish()
-            stop_if_asked()
+            stop_after(signals)
 
 
 def _report(film: Film, outputs: list[Path], took: float) -> None:

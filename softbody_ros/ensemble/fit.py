@@ -7,18 +7,26 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import partial
-import importlib.util
-import os
 from pathlib import Path
-import signal
 import sys
 import threading
 import time
 from typing import TYPE_CHECKING
 
-from softbody_ros.offline_command import Refusal, path_argument
+from softbody_ros.ensemble.offline_command import (
+    Refusal,
+    add_cluster,
+    ended,
+    make_parser,
+    path_argument,
+    require_cluster,
+    require_packages,
+    require_writable,
+    say,
+    scene_values,
+    stop_after,
+)
 from softbody_ros.signals import noted_signals
-from softbody_ros.startup import without_garbage_collection
 
 if TYPE_CHECKING:
     import distributed
@@ -29,9 +37,10 @@ if TYPE_CHECKING:
     from softbody_ros.ensemble.fit_problem import Outcome, Problem
     from softbody_ros.ensemble.fit_search import Solution
 
-NEEDED = ('dask', 'distributed', 'matplotlib')
+PACKAGES = {name: name for name in ('dask', 'distributed', 'matplotlib')}
 POLL = 0.1
 """Interval at which a search looks for a signal, s."""
+_warn = partial(say, 'fit')
 
 DESCRIPTION = """\
 Finds the parameters with which a scene reproduces an observation:
@@ -64,34 +73,18 @@ go to a process for each core, or with --scheduler to a cluster of Dask; the res
 
 def main(arguments: list[str] | None = None) -> int:
     """Fit as the command line says; return 0, 1 with one sentence, or 128 + signal."""
-    # nothing is written yet: a signal may end the process at once, without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    options = parser().parse_args(arguments)
-    with without_garbage_collection():
-        from softbody_ros.core import ConfigError, MeshError, SimulationError
-    from softbody_ros.ensemble.observation import ObservationError
+    return ended(parser(), arguments, _run, _explained)
 
-    try:
-        return _run(options)
-    except (Refusal, ConfigError, MeshError, SimulationError, ObservationError) as error:
-        reason = str(error)
-    except OSError as error:  # of a scheduler, or of files
-        reason = str(error)
-    except MemoryError:
-        reason = 'the observation does not fit into memory: take less of it, with --from and --to'
-    _warn(reason)
-    return 1
+
+def _explained(error: Exception) -> str:
+    if isinstance(error, OSError):  # of a scheduler, or of files
+        return str(error)
+    return 'the observation does not fit into memory: take less of it, with --from and --to'
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the arguments."""
-    result = argparse.ArgumentParser(
-        prog='fit',
-        description=DESCRIPTION,
-        epilog=DETAILS,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    result = make_parser('fit', DESCRIPTION, DETAILS)
     add = result.add_argument
     add('scene', metavar='SCENE.yaml', help='parameter file of sim_node')
     add('observed', metavar='OBSERVED', type=path_argument, help='film, bag or folder')
@@ -120,11 +113,7 @@ def parser() -> argparse.ArgumentParser:
         help='standard deviation of points, m (default: 0.003, of vertices 0.001)',
     )  # fmt: skip
     add('--seed', type=_seed, default=0, help='of the search (default: 0)')
-    where = result.add_mutually_exclusive_group().add_argument
-    where('--workers', type=_count, metavar='N', help='processes (default: one for each core)')
-    where(
-        '--scheduler', metavar='ADDRESS', help='of a cluster of Dask, such as tcp://10.0.0.1:8786'
-    )
+    add_cluster(result)
     return result
 
 
@@ -144,15 +133,10 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 1 to 1024')
-    return int(text)
-
-
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> None:
     output = _output(options)
-    _require_packages()
+    require_packages('fit', PACKAGES, 'sweep')
+    require_cluster(options)
     problem = _problem(options)
     from softbody_ros.core.warm_up import compile_ahead
 
@@ -165,36 +149,21 @@ def _run(options: argparse.Namespace) -> int:
 
     verdict = judge(problem.unknowns, solution, problem.noise)
     _write(problem, verdict, output, options.observed)
-    if signals:
-        return 128 + signals[0]
+    stop_after(signals)
     print(text_table(verdict))
     print(summary(problem, solution, verdict, time.perf_counter() - begin))
     for sentence in verdict.warnings:
         _warn(sentence)
     print(f'{output}, {output.with_suffix(".png")}')
-    return 0
 
 
 def _output(options: argparse.Namespace) -> Path:
     output: Path = options.output or Path(f'{Path(options.scene).stem}_fit.yaml')
     if output.suffix not in ('.yaml', '.yml'):
         raise Refusal(f'the output {output} has an unknown suffix: end it with .yaml')
-    if output.is_dir() or output.with_suffix('.png').is_dir():
-        raise Refusal(f'the output {output} is a folder: give the name of a file')
-    if not output.parent.is_dir():
-        raise Refusal(f'the folder of the output {output} does not exist: create {output.parent}')
-    if not os.access(output.parent, os.W_OK):
-        raise Refusal(f'the folder of the output {output} cannot be written to')
+    for file in (output, output.with_suffix('.png')):
+        require_writable(file)
     return output
-
-
-def _require_packages() -> None:
-    for module in NEEDED:
-        if importlib.util.find_spec(module) is None:
-            raise Refusal(
-                f'fit needs {module}, which is not installed: pip install {module} (or, in the '
-                "clone, '.[sweep]' for all that it needs)"
-            )
 
 
 def _problem(options: argparse.Namespace) -> Problem:
@@ -202,17 +171,13 @@ def _problem(options: argparse.Namespace) -> Problem:
     from softbody_ros.ensemble.fit_targets import Choice, make_problem
     from softbody_ros.ensemble.observation_files import read_observation
     from softbody_ros.scene import parameters
-    from softbody_ros.scene.scene_file import read_scene
 
     fitted, assigned = separate(options.param)
     if not fitted:
         raise Refusal('nothing is fitted: name parameters, such as -p ball.stiffness')
     if OFFSET in assigned:
         raise Refusal(f'{OFFSET} is fitted with -p {OFFSET}, and set with --time-offset')
-    scene, unknown = parameters.known_values(read_scene(options.scene))
-    for name, hint in unknown.items():
-        _warn(f'parameter {name} is unknown and ignored: {hint}')
-    scene |= assigned
+    scene = scene_values('fit', 'fitted', options.scene) | assigned
     names = parameters.scene_lists(scene).bodies
     unknowns = [make_unknown(scene, name, bounds) for name, bounds in fitted.items()]
     choice = Choice(
@@ -267,7 +232,7 @@ class ClusterRuns:
         while waiting:
             if self._signals:
                 self._client.cancel(futures)
-                raise SystemExit(128 + self._signals[0])
+                stop_after(self._signals)
             try:
                 done = distributed.wait(waiting, POLL, 'FIRST_COMPLETED').done
             except TimeoutError:
@@ -302,10 +267,6 @@ def _write(problem: Problem, verdict: Verdict, output: Path, observed: Path) -> 
             drawing.write_bytes(data)
     except OSError as error:
         raise Refusal(f'the result cannot be written: {error.strerror or error}') from None
-
-
-def _warn(sentence: str) -> None:
-    print('fit:', sentence, file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from softbody_ros.ensemble.offline_command import Refusal
+
 ANY_BODY = ''
 """Key of clouds whose points may be of any body."""
 
 
-class ObservationError(ValueError):
+class ObservationError(Refusal):
     """An observation that cannot be used; with the reason in one sentence."""
 
 

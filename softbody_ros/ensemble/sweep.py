@@ -7,17 +7,25 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
-import importlib.util
+from functools import partial
 import os
 from pathlib import Path
-import signal
 import sys
 import time
 from typing import TYPE_CHECKING
 
-from softbody_ros.offline_command import Refusal, path_argument
+from softbody_ros.ensemble.offline_command import (
+    Refusal,
+    add_cluster,
+    ended,
+    make_parser,
+    path_argument,
+    require_cluster,
+    require_packages,
+    say,
+    stop_after,
+)
 from softbody_ros.signals import noted_signals
-from softbody_ros.startup import without_garbage_collection
 
 if TYPE_CHECKING:
     from softbody_ros.ensemble.mesh_transfer import Meshes
@@ -25,7 +33,8 @@ if TYPE_CHECKING:
     from softbody_ros.ensemble.store import Store
     from softbody_ros.ensemble.work import Order
 
-PACKAGES = ('dask', 'distributed', 'zarr')
+PACKAGES = {name: name for name in ('dask', 'distributed', 'zarr')}
+_warn = partial(say, 'sweep')
 DESCRIPTION = """\
 Simulates a scene many times, with other parameter values each time, on all cores or on a cluster:
 
@@ -52,49 +61,27 @@ with a larger count. The runs have the same bits whatever makes them.
 
 def main(arguments: list[str] | None = None) -> int:
     """Sweep as the command line says; return 0, 1 with one sentence, or 128 + signal."""
-    # nothing is written yet: a signal may end the process at once, without a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    options = parser().parse_args(arguments)
-    with without_garbage_collection():
-        from softbody_ros.core import ConfigError, MeshError
+    return ended(parser(), arguments, _run, _explained)
 
-    try:
-        _run(options)
-        return 0
-    except (Refusal, ConfigError, MeshError) as error:
-        reason = str(error)
-    except ConnectionError as error:
-        reason = f'{error}; the same command again goes on'
-    except OSError as error:
-        reason = (
-            f'the store cannot be written: {error.strerror or error}; it is as far as it got, '
-            'and the same command again goes on'
-        )
-    _warn(reason)
-    return 1
+
+def _explained(error: Exception) -> str:
+    if isinstance(error, ConnectionError):
+        return f'{error}; the same command again goes on'
+    reason = 'it does not fit into memory'
+    if isinstance(error, OSError):
+        reason = f'the store cannot be written: {error.strerror or error}'
+    return f'{reason}; it is as far as it got, and the same command again goes on'
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the arguments."""
-    result = argparse.ArgumentParser(
-        prog='sweep',
-        description=DESCRIPTION,
-        epilog=DETAILS,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    result = make_parser('sweep', DESCRIPTION, DETAILS)
     result.add_argument('spec', metavar='SPEC.yaml', help='what is to be done')
     result.add_argument(
         '-o', '--output', metavar='DIR', type=path_argument,
         help='folder of the runs (default: the name of the spec, here)',
     )  # fmt: skip
-    result.add_argument(
-        '--workers', metavar='N', type=int,
-        help='processes on this machine (default: one for each core)',
-    )  # fmt: skip
-    result.add_argument(
-        '--scheduler', metavar='ADDRESS',
-        help='of a Dask cluster that makes the runs, such as tcp://10.0.0.1:8786',
-    )  # fmt: skip
+    add_cluster(result)
     result.add_argument(
         '--dry-run', action='store_true',
         help='make one run, and say how long all take and how large they are',
@@ -111,16 +98,13 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> None:
-    _require_packages(PACKAGES, 'sweep')
+    require_packages('sweep', PACKAGES, 'sweep')
     from softbody_ros.core.warm_up import compile_ahead
     from softbody_ros.ensemble.outcomes import names_of
     from softbody_ros.ensemble.spec import read_spec
     from softbody_ros.ensemble.store import Store, require_free
 
-    if options.workers is not None and options.scheduler is not None:
-        raise Refusal('--workers is of this machine: leave it out beside --scheduler')
-    if options.workers is not None and options.workers < 1:
-        raise Refusal(f'--workers is {options.workers}: it must be at least 1')
+    require_cluster(options)
     spec = read_spec(options.spec)
     for name, hint in spec.unknown.items():
         _warn(f'parameter {name} of the scene is unknown and ignored: {hint}')
@@ -132,7 +116,7 @@ def _run(options: argparse.Namespace) -> None:
     if options.dry_run:
         _dry_run(options, spec, meshes, output)
         return
-    stop_if_asked = _signals()
+    stop_if_asked = partial(stop_after, noted_signals())
     with Store(output, described, names_of(spec.bodies)) as store:
         try:
             made, took = _sweep(options, spec, meshes, store, stop_if_asked)
@@ -148,20 +132,11 @@ def _run(options: argparse.Namespace) -> None:
         _report(store, output, made, took)
 
 
-def _require_packages(packages: tuple[str, ...], what: str) -> None:
-    missing = [name for name in packages if importlib.util.find_spec(name) is None]
-    if missing:
-        raise Refusal(
-            f'{what} needs {" and ".join(missing)}, not installed: pip install '
-            f"{' '.join(missing)} (or, in the clone, '.[sweep]')"
-        )
-
-
 def _outcome(asked: str, spec: Spec) -> str:
     """Return the full name of what is to be plotted, '' for nothing."""
     if not asked:
         return ''
-    _require_packages(('matplotlib',), 'a plot')
+    require_packages('a plot', {'matplotlib': 'matplotlib'}, 'sweep')
     from softbody_ros.ensemble.plot import axes_of, full_name
 
     axes_of(spec)
@@ -179,17 +154,6 @@ def _described(spec: Spec) -> tuple[dict, Meshes]:
         values += [(each.name, value) for value in listed]
     meshes = read_meshes(values)
     return spec.described | {'meshes': meshes.names}, meshes
-
-
-def _signals() -> Callable[[], None]:
-    """Take note of signals; return what ends the program after one."""
-    signals = noted_signals()
-
-    def stop_if_asked() -> None:
-        if signals:
-            raise SystemExit(128 + signals[0])
-
-    return stop_if_asked
 
 
 def _sweep(
@@ -283,10 +247,6 @@ def _duration(seconds: float) -> str:
     minutes = round(seconds / 60.0)
     hours, minutes = divmod(minutes, 60)
     return f'{hours} h {minutes} min' if hours else f'{minutes} min'
-
-
-def _warn(sentence: str) -> None:
-    print('sweep:', sentence, file=sys.stderr)
 
 
 if __name__ == '__main__':

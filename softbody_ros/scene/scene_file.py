@@ -9,10 +9,11 @@ number, `~` a string, `010` is eight.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 import math
 import re
-from typing import Any
+from typing import Any, Self
 
 import yaml
 
@@ -29,6 +30,65 @@ LONGEST_WHOLE = 200
 DECIMAL = re.compile(
     r'[+-]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|\.?(nan|NaN|NAN|inf|Inf|INF))'
 )
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """
+    A parameter file that has been read.
+
+    Attributes
+    ----------
+    path : str
+        for messages only
+    sections : mapping of str to dict
+        values by their dotted names, by the name of the node, which may have wildcards
+
+    """
+
+    path: str
+    sections: Mapping[str, Mapping[str, Any]]
+
+    @classmethod
+    def read(cls, path: str) -> Self:
+        """
+        Read a file.
+
+        Raises
+        ------
+        ConfigError
+            if there is no such file, or rcl would reject it; with one sentence.
+
+        """
+        try:
+            with open(path, encoding='utf-8') as file:
+                text = file.read()
+        except (OSError, UnicodeError) as error:
+            reason = getattr(error, 'strerror', None) or 'it is not UTF-8 text'
+            raise ConfigError(f'scene {path} cannot be read: {reason}') from None
+        return cls.of(text, path)
+
+    @classmethod
+    def of(cls, text: str, path: str) -> Self:
+        """Return what the text of a file says, see `read`."""
+        sections: dict[str, dict[str, Any]] = {}
+        root = composed(text, f'scene {path}')
+        if root is not None:
+            for section, parameters in _sections(root, (), path):
+                sections.setdefault(section, {}).update(_flattened(parameters, '', path))
+        return cls(path, sections)
+
+    def values(self, assignments: Sequence[str] = ()) -> dict[str, Any]:
+        """Return the values that the node gets, see `read_scene`."""
+        assigned = dict(_assigned(each) for each in assignments)
+        # as in rcl: a later section with the name of the node overrides the command line
+        sections = dict(self.sections)
+        sections[EVERY_NODE] = {**sections.get(EVERY_NODE, {}), **assigned}
+        values: dict[str, Any] = {}
+        for section, parameters in sections.items():
+            if _means_the_node(section, self.path):
+                values |= parameters
+        return values
 
 
 def read_scene(path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
@@ -53,29 +113,12 @@ def read_scene(path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
         if there is no such file, or rcl would reject it; with one sentence.
 
     """
-    try:
-        with open(path, encoding='utf-8') as file:
-            text = file.read()
-    except (OSError, UnicodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'it is not UTF-8 text'
-        raise ConfigError(f'scene {path} cannot be read: {reason}') from None
-    return scene_of(text, path, assignments)
+    return SceneFile.read(path).values(assignments)
 
 
 def scene_of(text: str, path: str, assignments: Sequence[str] = ()) -> dict[str, Any]:
     """Return the values in the text of a file, see `read_scene`; `path` is for messages only."""
-    sections: dict[str, dict[str, Any]] = {}
-    root = composed(text, f'scene {path}')
-    if root is not None:
-        for section, parameters in _sections(root, (), path):
-            sections.setdefault(section, {}).update(_flattened(parameters, '', path))
-    # as in rcl: a later section with the name of the node overrides the command line
-    sections.setdefault(EVERY_NODE, {}).update(_assigned(each) for each in assignments)
-    values: dict[str, Any] = {}
-    for section, parameters in sections.items():
-        if _means_the_node(section, path):
-            values |= parameters
-    return values
+    return SceneFile.of(text, path).values(assignments)
 
 
 def composed(text: str, what: str) -> yaml.Node | None:
