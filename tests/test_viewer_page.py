@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What the page does beyond parameters: scenes, meshes, films, keys, its look."""
+"""
+What the page does beyond parameters: scenes, meshes, films, keys, its look.
+
+All tests share one page, since a browser needs seconds for one; each finds the same scene.
+"""
 
 import base64
 import io
@@ -20,7 +24,7 @@ from ros_graph import Graph
 from scene_files import ROOT, SCENES, scene_values
 from sensor_msgs.msg import PointCloud2
 from shown_page import SIM, Show, button
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from softbody_ros.core import make_surface
 from softbody_ros.ros.messages import POINT_TYPE
@@ -38,14 +42,19 @@ DROP = """([name, base64, size]) => {
 }"""
 
 
+START = {
+    'ball.subdivisions': 1,
+    'gravity.magnitude': 5.0,
+    'time_step': 0.015625,  # it runs for long, and looks at its clock each tick
+}
+
+
 @pytest.fixture(scope='module')
-def show(browser, compiled_ahead):
+def only_show(browser, compiled_ahead):
     graph = Graph()
     try:
-        graph.process(
-            '--ros-args', '-p', 'ball.subdivisions:=1', '-p', 'gravity.magnitude:=5.0',
-            '-p', 'time_step:=0.015625',  # it runs for long, and looks at its clock each tick
-        )  # fmt: skip
+        arguments = [part for name in START for part in ('-p', f'{name}:={START[name]}')]
+        graph.process('--ros-args', *arguments)
         result = Show(browser, graph, draws=False)
         result.says(f'{SIM}: running')
         expect(button(result, 'Reset')).to_be_enabled()
@@ -59,6 +68,43 @@ def show(browser, compiled_ahead):
         assert 'Traceback' not in errors
     finally:
         graph.close()
+
+
+@pytest.fixture
+def show(only_show):
+    """Return the page of a node that simulates the ball of `START`, whatever was there before."""
+    graph, node = only_show.graph, Parameters(only_show.graph)
+    before = node.values()
+    request = scene_request(START, before)
+    if request.from_nothing:
+        node.ask(NOTHING)
+    if {name: before.get(name) for name in request.values} != request.values:
+        node.ask(request.values)
+    assert graph.call(SetBool, f'{SIM}/pause', data=False).success
+    expect(only_show.page.locator('body')).to_contain_text(re.compile(r'\D42 vertices'))
+    return only_show
+
+
+class Parameters:
+    """All parameters of a node."""
+
+    def __init__(self, graph):
+        self._graph, self._client = graph, AsyncParameterClient(graph.node, SIM)
+        graph.spin_until(self._client.services_are_ready)
+
+    def _answer(self, future):
+        self._graph.spin_until(future.done, 'an answer')
+        return future.result()
+
+    def ask(self, values):
+        sent = [Parameter(name, value=value) for name, value in values.items()]
+        result = self._answer(self._client.set_parameters_atomically(sent)).result
+        assert result.successful, result.reason
+
+    def values(self):
+        names = self._answer(self._client.list_parameters()).result.names
+        values = self._answer(self._client.get_parameters(names)).values
+        return dict(zip(names, map(parameter_value_to_python, values), strict=True))
 
 
 def drop(show, name, content=b'', size=0):
@@ -195,9 +241,12 @@ def test_a_mesh_that_is_dropped_is_a_body_above_the_others(show):
     is_told(show, 'is the body my_ball_2')
     assert show.parameter('my_ball_2.size') == 0.125
     show.says('126 vertices')
+    show.number('its size [m]').fill('0')
+    show.number('its size [m]').press('Enter')
 
 
 def test_what_is_no_mesh_is_refused_in_a_sentence(show):
+    bodies = show.parameter('bodies')
     drop(show, 'empty.stl')
     is_told(show, 'empty.stl is not added', 'is empty')
     for name, size, sentence in [
@@ -209,11 +258,13 @@ def test_what_is_no_mesh_is_refused_in_a_sentence(show):
             show.page.once('dialog', lambda each: each.accept())
             drop(show, name, size=size)
         assert sentence in dialog.value.message
-    assert show.parameter('bodies') == ['ball', 'my_ball', 'my_ball_2']
+    assert show.parameter('bodies') == bodies
 
 
 # ----------------------------------------------------------------------------------------- files
 def test_a_saved_scene_starts_a_node_with_the_same_parameters(show, tmp_path):
+    drop(show, 'my ball.obj', ball_file())
+    is_told(show, 'is the body my_ball')
     with show.page.expect_download() as download:
         button(show, 'Save scene file').click()
     file = tmp_path / download.value.suggested_filename
@@ -231,6 +282,8 @@ def test_a_saved_scene_starts_a_node_with_the_same_parameters(show, tmp_path):
 
 def test_a_film_is_recorded_and_downloaded(show):
     browser_of_tests.choose(show.page, 'format', '.npz')
+    drop(show, 'my ball.obj', ball_file())
+    is_told(show, 'is the body my_ball')
     bodies = show.parameter('bodies')
     # a film that takes a minute: one of small balls may be ready before the page has clicked
     drop(show, 'soft.obj', ball_file(subdivisions=4))
@@ -258,12 +311,14 @@ def test_a_film_is_recorded_and_downloaded(show):
     with show.page.expect_download() as download:
         ready.click()
     film = np.load(io.BytesIO(pathlib.Path(download.value.path()).read_bytes()))
-    assert film['bodies'].tolist() == bodies == ['ball', 'my_ball', 'my_ball_2']
+    assert film['bodies'].tolist() == bodies == ['ball', 'my_ball']
     assert film['times'][-1] == 0.5
     assert len(film['times']) == 16
 
 
 def test_a_film_that_fails_says_why(show):
+    drop(show, 'my ball.obj', ball_file())
+    is_told(show, 'is the body my_ball')
     pathlib.Path(show.parameter('my_ball.mesh')).unlink()
     button(show, 'Record').click()
     is_told(show, 'no film', 'my_ball.mesh', 'does not exist')
@@ -323,28 +378,12 @@ def test_every_example_follows_every_other_in_a_node_that_runs(graph):
     graph.process('--ros-args', '-p', 'ball.subdivisions:=1')
     assert list(shipped_scenes()) == SCENES
 
-    node = AsyncParameterClient(graph.node, SIM)
-    graph.spin_until(node.services_are_ready)
-
-    def answer(future):
-        graph.spin_until(future.done, 'an answer')
-        return future.result()
-
-    def ask(values):
-        sent = [Parameter(name, value=value) for name, value in values.items()]
-        result = answer(node.set_parameters_atomically(sent)).result
-        assert result.successful, result.reason
-
-    def present():
-        names = answer(node.list_parameters()).result.names
-        values = answer(node.get_parameters(names)).values
-        return dict(zip(names, map(parameter_value_to_python, values), strict=True))
-
+    node = Parameters(graph)
     for name in SCENES:
-        request = scene_request(scene_values(name), present())
+        request = scene_request(scene_values(name), node.values())
         if request.from_nothing:
-            ask(NOTHING)
-        ask(request.values)
-        now = present()
+            node.ask(NOTHING)
+        node.ask(request.values)
+        now = node.values()
         assert {each: now[each] for each in request.values} == request.values
         assert scene_request(scene_values(name), now).from_nothing is False
