@@ -628,6 +628,22 @@ def alive(pid):
         (['film.npz', '-p', 'ball.mode'], 'ball.mode cannot be fitted: it is a choice'),
         (['film.npz', '-p', 'ball.stiffness', '-o', 'x.txt'], 'the output x.txt has an unknown'),
         (['film.npz', '-p', 'ball.stiffness', '-o', 'no/x.yaml'], 'the folder of the output no/x'),
+        (
+            ['film.npz', '-p', 'ball.stiffness:=[0.1]'],
+            'nothing is fitted: name parameters, such as -p ball.stiffness, or with bounds, as -p',
+        ),
+        (
+            ['film.npz', '-p', 'ball.stiffness=0.1'],
+            'unknown parameter ball.stiffness=0.1: write NAME, NAME:=[LOW,HIGH] or NAME:=VALUE',
+        ),
+        (
+            ['film.npz', '-p', 'gravity'],
+            'unknown parameter gravity: it is a group, set one of gravity.magnitude, gravity.dir',
+        ),
+        (
+            ['film.npz', '-p', 'ball.stiffness', '--topic', '/points'],
+            '--topic is of a bag, and film.npz is none: leave it out',
+        ),
         (['film.npz', '-p', 'ball.stiffness', '--workers', '0'], '--workers is 0: it must be at'),
         (
             ['film.npz', '-p', 'ball.stiffness', '--workers', '1', '--scheduler', 'tcp://a:1'],

@@ -116,6 +116,15 @@ def test_a_refusal_of_something_long_is_short(name):
     assert refusal_of({name: LONG[1]})
 
 
+def test_a_group_is_no_parameter_but_its_parts_are_named():
+    for values, hint in (
+        ({'gravity': 9.81}, 'gravity: it is a group, set one of gravity.magnitude, gravity.dir'),
+        ({'ball': 3}, 'ball: it is a group, set one of ball.mesh, ball.size, ball.mesh_scale and'),
+    ):
+        with pytest.raises(ConfigError, match=f'^unknown parameter {hint}'):
+            parameters.make_scene(values)
+
+
 def test_unknown_names_are_short_and_only_some_of_the_known_ones_are_listed():
     with pytest.raises(ConfigError) as refusal:
         parameters.make_scene({'x' * 100_000: 1.0})

@@ -113,6 +113,10 @@ def test_an_empty_file_is_the_default_scene(tmp_path):
         ('/**: {ros__parameters: {a: &x 1, b: *x}}', 'has an alias (*)'),
         ('/**: {ros__parameters: {? [a] : 1}}', 'line 1: a name must be a text'),
         ('/**: {ros__parameters: {a: 1', 'is not YAML: '),
+        (
+            '/**:\n  ros__parameters:\n\ta: 1\n',
+            r"line 3: found character '\t' that cannot start any",
+        ),
         ('"foo[": {ros__parameters: {a: 1}}', "'foo[' is no name of a node, nor a pattern"),
         ('"a{1,99999999999}": {ros__parameters: {a: 1}}', 'use /softbody_sim, or /** for every'),
         ('{a: ' * 2000 + '1' + '}' * 2000, 'is nested too deeply'),

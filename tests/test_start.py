@@ -49,6 +49,8 @@ def test_arguments_are_for_the_viewer_or_for_ros(arguments, for_ros, for_viewer)
         ('--host 127.0.0.1 --ros-args -p a:=1', '--host is of the viewer: give --viewer, too'),
         ('--view', 'the argument --view is unknown'),
         ('scene.yaml', 'the argument scene.yaml is unknown: give --viewer, or --ros-args'),
+        ('scene.yaml', 'as in sim_node --ros-args --params-file scene.yaml; see --help'),
+        ('-p ball.mass:=2.0', 'as in sim_node --ros-args -p ball.mass:=2.0; see --help'),
     ],
 )
 def test_bad_arguments_are_one_sentence(arguments, sentence):
@@ -65,6 +67,34 @@ def test_what_ros_does_not_know_is_refused_in_a_sentence(graph, module):
     assert process.returncode == 1
     assert "ROS does not know '--bad' after --ros-args: leave it out, or see --help" in errors
     assert 'Traceback' not in output + errors
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        ('--params-file no.yaml', 'scene no.yaml cannot be read: No such file or directory'),
+        ('--params-file .', 'scene . cannot be read: Is a directory'),
+        ('--params-file', 'nothing follows --params-file: give the path of a parameter file'),
+        ('--params-file bare.yaml', 'bare.yaml, line 1: parameters stand below the name of a'),
+        ('--params-file tab.yaml', 'scene tab.yaml is not YAML: line 3: found character'),
+        ('-p ball.mass=2', '-p ball.mass=2 is not NAME:=VALUE, such as ball.stiffness:=0.1'),
+        ('-p a:=1 -p frame_id:=', '-p frame_id:= has no value: give a number, a text or a list'),
+        ('-p', 'nothing follows -p: give NAME:=VALUE'),
+        ('-r points', '-r points is not FROM:=TO, such as __ns:=/left'),
+        ('-r __node:=a-b', '-r __node:=a-b gives no name that a node can have: letters, digits'),
+        ('-r __ns:=left', '-r __ns:=left gives no namespace: one is such as /left'),
+    ],
+)
+def test_what_ros_cannot_use_is_said_in_words_of_the_user(
+    monkeypatch, tmp_path, arguments, sentence
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'bare.yaml').write_text('bodies: [ball]\n')
+    (tmp_path / 'tab.yaml').write_text('/**:\n  ros__parameters:\n\tbodies: [ball]\n')
+    with pytest.raises(RuntimeError) as refusal:
+        start.start_ros(['--ros-args', *arguments.split()])
+    assert sentence in str(refusal.value)
+    assert '\n' not in str(refusal.value)
 
 
 # ------------------------------------------------------------------------------------- log files

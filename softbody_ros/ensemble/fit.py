@@ -174,7 +174,8 @@ def _problem(options: argparse.Namespace) -> Problem:
 
     fitted, assigned = separate(options.param)
     if not fitted:
-        raise Refusal('nothing is fitted: name parameters, such as -p ball.stiffness')
+        hint = ', or with bounds, as -p ball.stiffness:=[0.1,0.9]' if assigned else ''
+        raise Refusal(f'nothing is fitted: name parameters, such as -p ball.stiffness{hint}')
     if OFFSET in assigned:
         raise Refusal(f'{OFFSET} is fitted with -p {OFFSET}, and set with --time-offset')
     scene = scene_values('fit', 'fitted', options.scene) | assigned

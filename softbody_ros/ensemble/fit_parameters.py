@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from softbody_ros.core.config import ConfigError, Setting, checked, shown, unknown_name
+from softbody_ros.core.config import ConfigError, Setting, checked, shown
 from softbody_ros.scene.parameters import (
     BODY_TABLE,
     OBSTACLE_TABLE,
@@ -19,6 +19,7 @@ from softbody_ros.scene.parameters import (
     normal,
     scene_lists,
     table,
+    unknown_parameter,
 )
 from softbody_ros.scene.scene_file import scene_of
 
@@ -213,7 +214,10 @@ def make_unknown(scene: Mapping[str, Any], name: str, bounds: Any) -> Unknown:
     if name not in known and name[-2:] in ('.x', '.y', '.z'):
         parameter, component = name[:-2], AXES.index(name[-1])
     if parameter not in known:
-        raise ConfigError(f'unknown parameter {name}: {unknown_name(name, list(known))}')
+        hint = unknown_parameter(name, known)
+        if '=' in name:
+            hint = 'write NAME, NAME:=[LOW,HIGH] or NAME:=VALUE'
+        raise ConfigError(f'unknown parameter {name}: {hint}')
     facts = known[parameter]
     _require_real(parameter, facts, scene_lists(scene))
     if (facts.length is not None) != (component is not None):

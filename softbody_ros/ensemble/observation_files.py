@@ -49,9 +49,12 @@ def read_observation(path: Path, bodies: Sequence[str], topic: str | None = None
     """
     if not path.exists():
         raise ObservationError(f'the observation {path} does not exist')
+    is_bag = path.suffix in ('.bag', '.mcap', '.db3') or (path / 'metadata.yaml').exists()
+    if topic is not None and not is_bag:
+        raise ObservationError(f'--topic is of a bag, and {path} is none: leave it out')
     if path.suffix.lower() == '.npz':
         observation = _film(path)
-    elif path.suffix in ('.bag', '.mcap', '.db3') or (path / 'metadata.yaml').exists():
+    elif is_bag:
         if importlib.util.find_spec('rosbags') is None:
             raise ObservationError(
                 'bags need rosbags, which is not installed: pip install rosbags'

@@ -210,7 +210,8 @@ def _variation(name: str, node: yaml.Node, known: Mapping[str, Setting], what: s
         raise ConfigError(f'{name} cannot vary: write a scene for each list of names')
     if name not in known:
         can = [each for each in known if each not in WITHOUT_EFFECT]
-        raise ConfigError(f'unknown parameter {name[:80]}: {unknown_name(name, can)}')
+        hint = parameters.unknown_parameter(name, can)
+        raise ConfigError(f'unknown parameter {name[:80]}: {hint}')
     facts = known[name]
     if isinstance(node, yaml.SequenceNode):
         return variation.grid(name, _plain(node, name), facts)

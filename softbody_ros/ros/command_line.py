@@ -12,6 +12,8 @@ from typing import NoReturn
 from softbody_ros.web_address import add_address
 
 VIEWER = '--viewer'
+FOR_ROS = frozenset(['-p', '--param', '--params-file', '-r', '--remap'])
+"""What people give without `--ros-args`, most often."""
 
 
 class UsageError(ValueError):
@@ -41,6 +43,15 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(f'{message}; see --help')
 
 
+def _as_meant(unknown: Sequence[str]) -> str:
+    """Return how to write arguments that are for ROS, as a clause, or ''."""
+    if unknown[0] in FOR_ROS:
+        return f', as in sim_node --ros-args {" ".join(unknown[:2])}'
+    if unknown[0].endswith(('.yaml', '.yml')):
+        return f', as in sim_node --ros-args --params-file {unknown[0]}'
+    return ''
+
+
 def read(arguments: Sequence[str]) -> CommandLine:
     """
     Read the arguments after the name of the command.
@@ -59,7 +70,7 @@ def read(arguments: Sequence[str]) -> CommandLine:
     if unknown:
         raise UsageError(
             f'the argument {unknown[0]} is unknown: give {VIEWER}, or --ros-args and what ROS is '
-            'to read; see --help'
+            f'to read{_as_meant(unknown)}; see --help'
         )
     has_viewer = VIEWER in arguments
     address = [

@@ -6,12 +6,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import os
+import re
 
 import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
+from softbody_ros.core.config import ConfigError
+from softbody_ros.scene.scene_file import SceneFile
+
 NO_LOG_FILE = '--disable-external-lib-logs'
+FORMS = {
+    '-p': 'NAME:=VALUE, such as ball.stiffness:=0.1',
+    '--param': 'NAME:=VALUE, such as ball.stiffness:=0.1',
+    '-r': 'FROM:=TO, such as __ns:=/left',
+    '--remap': 'FROM:=TO, such as __ns:=/left',
+    '--params-file': 'the path of a parameter file',
+}
+"""What must follow an argument for ROS."""
 
 
 def start_ros(arguments: Sequence[str]) -> str:
@@ -36,7 +48,36 @@ def start_ros(arguments: Sequence[str]) -> str:
             f'ROS does not know {str(error).strip("[]")} after --ros-args: leave it out, or see '
             '--help'
         ) from None
+    except RuntimeError as error:
+        raise RuntimeError(_what_is_wrong(arguments) or str(error)) from None
     return problem
+
+
+def _what_is_wrong(arguments: Sequence[str]) -> str:
+    """Return a sentence about what ROS cannot use, or '': its own name the lines of its code."""
+    for flag, value in zip(arguments, [*arguments[1:], ''], strict=False):
+        if flag in FORMS and not value:
+            return f'nothing follows {flag}: give {FORMS[flag]}'
+        try:
+            if flag == '--params-file':
+                SceneFile.read(value).values()
+            elif flag in ('-p', '--param'):
+                SceneFile('', {}).values([value])
+        except ConfigError as error:
+            return str(error)
+        if flag not in ('-r', '--remap'):
+            continue
+        old, sign, new = value.partition(':=')
+        if not (old and sign and new):
+            return f'{flag} {value} is not {FORMS[flag]}'
+        if old.endswith('__node') and not re.fullmatch(r'[A-Za-z_]\w*', new, re.ASCII):
+            return (
+                f'{flag} {value} gives no name that a node can have: letters, digits and '
+                'underscores, and no digit first'
+            )
+        if old.endswith('__ns') and not re.fullmatch(r'(/[A-Za-z_]\w*)+|/', new, re.ASCII):
+            return f'{flag} {value} gives no namespace: one is such as /left'
+    return ''
 
 
 def _log_problem() -> str:

@@ -37,6 +37,8 @@ from softbody_ros.installed_files import share_directory
 FOREIGN_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 """Prefixes of parameters that every node has, which are not part of the scene."""
 
+MOST_PARTS = 3
+"""Of a group of parameters, that are named in a sentence."""
 MISSPELT = 0.8
 """Similarity of names (difflib) from which on one is taken for a misspelt other one."""
 
@@ -256,7 +258,7 @@ def known_values(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
         if name in known or first in own_prefixes:
             values[name] = promoted(value, known[name]) if name in known else value
         elif first not in FOREIGN_PREFIXES:
-            unknown[name] = unknown_name(name, list(known))
+            unknown[name] = unknown_parameter(name, known)
     return values, unknown
 
 
@@ -274,7 +276,7 @@ def make_scene(values: Mapping[str, Any]) -> Scene:
     known = table(lists)
     for name in values:
         if name not in known:
-            raise ConfigError(_unknown(name, unknown_name(name, list(known))))
+            raise ConfigError(_unknown(name, unknown_parameter(name, known)))
 
     def fields(config: type, prefix: str = '') -> dict[str, Any]:
         return {
@@ -388,6 +390,16 @@ def start_value(name: str, value: Any, known: Collection[str]) -> Any:
     raise refusals[0]
 
 
+def unknown_parameter(name: str, known: Iterable[str]) -> str:
+    """Return the clause of an error message that helps with a name that no parameter has."""
+    names = list(known)
+    parts = [each for each in names if each.startswith(f'{name}.')]
+    if parts:
+        more = f' and {len(parts) - MOST_PARTS} more' if len(parts) > MOST_PARTS else ''
+        return f'it is a group, set one of {", ".join(parts[:MOST_PARTS])}{more}'
+    return unknown_name(name, names)
+
+
 def _unknown(name: str, hint: str) -> str:
     return f'unknown parameter {shown(name)[1:-1]}: {hint}'
 
@@ -397,7 +409,7 @@ def _what_is_wrong(name: str, known: Collection[str]) -> str:
     owner, _, dotted = name.partition('.')
     owners = {each.split('.')[0] for each in known}
     if not dotted:
-        return unknown_name(name, list(known))
+        return unknown_parameter(name, known)
     if owner in owners:
         return unknown_name(name, [each for each in known if each.startswith(f'{owner}.')])
     try:
@@ -407,7 +419,7 @@ def _what_is_wrong(name: str, known: Collection[str]) -> str:
     # ball_2 beside ball is no slip of the hand
     others = [each for each in owners if _stem(each) != _stem(owner)]
     if difflib.get_close_matches(owner, others, n=1, cutoff=MISSPELT):
-        return unknown_name(name, list(known))
+        return unknown_parameter(name, known)
     possible = {**BODY_TABLE, **OBSTACLE_TABLE}
     if dotted in possible:
         return ''

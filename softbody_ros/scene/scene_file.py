@@ -127,6 +127,11 @@ def composed(text: str, what: str) -> yaml.Node | None:
         if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
             raise ConfigError(f'{what} has an alias (*), which ROS does not take: write it out')
         return yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        at = error.problem_mark or error.context_mark
+        line = '' if at is None else f'line {at.line + 1}: '
+        context = f' {error.context}' if error.context else ''
+        raise ConfigError(f'{what} is not YAML: {line}{error.problem}{context}') from None
     except yaml.YAMLError as error:
         raise ConfigError(f'{what} is not YAML: {" ".join(str(error).split())}') from None
     except RecursionError:
