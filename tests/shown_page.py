@@ -3,6 +3,8 @@
 """A node, a viewer and a page that shows it: three processes."""
 
 import io
+import math
+import time
 
 import browser as browser_of_tests
 import numpy as np
@@ -14,6 +16,8 @@ VIEW = {'x': 0, 'y': 0, 'width': 400, 'height': 400}
 """The part of the page beside the panel."""
 BALL = 1500
 """Orange pixels that are no detail of the page."""
+PATIENCE = 10.0
+"""Seconds after which something that was done on a page has been missed."""
 
 
 class Show:
@@ -43,8 +47,9 @@ class Show:
             '--no-shadows',
             module='softbody_ros.viewer',
         )
-        # the port is open before the first line is printed
-        self.greeting = self.viewer.stderr.readline()
+        # the port is open before it says so
+        said = (line for line in self.viewer.stderr if ' in a browser' in line)
+        self.greeting = next(said, '')
         self.page = browser.new_page(viewport={'width': 720, 'height': 400})
         browser_of_tests.slow_down(self.page)
         if not draws:
@@ -61,10 +66,33 @@ class Show:
         red, green, blue = np.moveaxis(self.picture(), -1, 0)
         return (red > green + 40) & (green > blue + 20)
 
+    def sees_ball(self):
+        return self.orange().sum() > BALL
+
     def height(self):
-        """Return how far up in the view the ball's middle is, pixels; None if it is not there."""
+        """Return how far up in the view the ball's middle is, pixels; nan if it is not there."""
         rows, _ = np.nonzero(self.orange())
-        return 400.0 - rows.mean() if len(rows) > BALL else None
+        return 400.0 - rows.mean() if len(rows) > BALL else math.nan
+
+    def act_until(self, act, condition, what='the condition'):
+        """
+        Act until something is true.
+
+        A page that draws may miss a click; but what was done may also still be under way, and
+        would come true later, in the midst of the next test, once for each time.
+        """
+        again = 0.0
+
+        def is_true():
+            nonlocal again
+            if condition():
+                return True
+            if time.monotonic() > again:
+                act()
+                again = time.monotonic() + PATIENCE
+            return False
+
+        self.graph.spin_until(is_true, what)
 
     def row(self, label):
         """Return the row of the panel with a label."""

@@ -19,10 +19,10 @@ from playwright.sync_api import expect
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_graph import Graph
+from ros_graph import TIMEOUT, Graph
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
-from shown_page import BALL, SIM, Show, button
+from shown_page import BALL, PATIENCE, SIM, Show, button
 import viser
 from visualization_msgs.msg import Marker, MarkerArray
 from websockets.exceptions import ConnectionClosed
@@ -43,11 +43,11 @@ def show(browser):
         result.simulation = simulation
         result.says(f'{SIM}: running')
         expect(result.row('stiffness')).to_be_visible()
-        graph.spin_until(lambda: result.height(), 'a ball in the view')
+        graph.spin_until(result.sees_ball, 'a ball in the view')
         yield result
         result.page.close()
         result.viewer.send_signal(signal.SIGINT)
-        _, errors = result.viewer.communicate(timeout=30)
+        _, errors = result.viewer.communicate(timeout=TIMEOUT)
         assert 'failed' not in errors
     finally:
         graph.close()
@@ -80,17 +80,19 @@ def test_the_page_shows_a_body_that_falls_and_the_reset_button_puts_it_back(show
     [('displacement', '[cm]?m'), ('pressure', '[kM]?Pa'), ('permanent strain', '%')],
 )
 def test_colours_by_a_quantity_with_a_legend(show, quantity, unit):
-    show.graph.spin_until(lambda: show.height())
+    def blue():
+        picture = show.picture()
+        return (picture[..., 2] > picture[..., 0] + 30).sum()
+
+    show.graph.spin_until(show.sees_ball)
     browser_of_tests.choose(show.page, 'colour by', quantity)
-    # the ground presses it flat by some millimetres
-    show.graph.spin_until(lambda: show.orange().sum() < BALL, 'another colour')
+    # once it has come to rest, little is blue: the ground presses it flat by some millimetres
+    show.graph.spin_until(lambda: not show.sees_ball() and blue() > BALL, 'another colour')
     legend = show.page.locator('div[style*="linear-gradient"]')
     expect(legend).to_be_visible()
-    assert re.search(rf'0\s*[\d.]+ {unit}', legend.locator('xpath=..').inner_text())
-    picture = show.picture()
-    assert (picture[..., 2] > picture[..., 0] + 30).sum() > BALL  # little is blue
+    expect(legend.locator('xpath=..')).to_contain_text(re.compile(rf'0\s*[\d.]+ {unit}'))
     browser_of_tests.choose(show.page, 'colour by', 'body')
-    show.graph.spin_until(lambda: show.height(), 'orange again')
+    show.graph.spin_until(show.sees_ball, 'orange again')
     expect(legend).to_be_hidden()
 
 
@@ -117,15 +119,15 @@ def test_contact_forces_are_arrows_while_they_are_wanted(show):
         return ((red > green + 60) & (blue > green)).sum()
 
     assert listeners() == 0
-    show.graph.spin_until(lambda: show.height())
+    show.graph.spin_until(show.sees_ball)
     assert not crimson()
     box = show.row('contact forces').locator('input')
     box.check()
     # the ground holds it: an arrow into it, which is seen through it
     show.graph.spin_until(lambda: crimson() > 100, 'an arrow')
-    assert listeners() == 1
+    show.graph.spin_until(lambda: listeners() == 1)
     box.uncheck()
-    show.graph.spin_until(lambda: not crimson() and show.height(), 'no arrow')
+    show.graph.spin_until(lambda: not crimson() and show.sees_ball(), 'no arrow')
     show.graph.spin_until(lambda: not listeners())
 
 
@@ -147,34 +149,30 @@ def test_plots_of_a_body_while_it_is_chosen(show):
     browser_of_tests.choose(show.page, 'plot', 'ball')
     show.graph.spin_until(lambda: curves() is not None and curves().shape[1] > 1, 'curves')
     button(show, 'Reset').click()
-    patience = time.monotonic() + 10.0
+    patience, seen = time.monotonic() + PATIENCE, None
 
     def has_fallen_and_rests():
-        nonlocal patience
-        shown = curves()
-        if shown is None:  # in the middle of an update
+        nonlocal patience, seen
+        seen = curves()
+        if seen is None:  # in the middle of an update
             return False
-        _, height, speed, force = shown
+        _, height, speed, force = seen
         fallen = height.max() > 1.45 and speed.max() > 3.0 and force.max() > 15.0
         rests = height[-1] < 0.52 and speed[-10:].max() < 1e-3 and np.ptp(force[-10:]) < 0.01
         if rests and not fallen and time.monotonic() > patience:
             # of few clouds a second none shows its top, or they are out of the plot by now
             button(show, 'Reset').click()
-            patience = time.monotonic() + 10.0
+            patience = time.monotonic() + PATIENCE
         return fallen and rests
 
     show.graph.spin_until(has_fallen_and_rests)
-    button(show, 'Pause').click()
-    show.says(f'{SIM}: paused')
-    times, height, speed, force = curves()
+    times, height, speed, force = seen
     assert times[0] >= -10.0 and np.abs(times[-1]) < 0.011 and (np.diff(times) > 0.0).all()
     # simulated seconds, of which this node has half as many as there are
     falls = (height > 0.6) & (speed > 0.5) & (np.gradient(height) < 0.0)
     slopes = np.gradient(height, times)[falls]
     assert np.median(-slopes / speed[falls]) == pytest.approx(1.0, abs=0.1)
     assert force[-1] == pytest.approx(9.81, rel=0.02)
-    button(show, 'Go on').click()
-    show.says(f'{SIM}: running')
     browser_of_tests.choose(show.page, 'plot', 'nothing')
     show.graph.spin_until(lambda: not listeners() and curves() is None)
 
@@ -197,20 +195,24 @@ def test_a_slider_sets_the_parameter_of_the_node(show):
             show.page.mouse.move(track['x'] + share * track['width'], middle)
         show.page.mouse.up()
 
-    drag()
-    show.graph.spin_until(lambda: 0.85 < show.parameter('ball.stiffness') < 0.95 or drag())
+    def is_shown():
+        """Whether all that was done has come to the node."""
+        return show.parameter('ball.stiffness') == float(thumb.get_attribute('aria-valuenow'))
+
+    show.act_until(drag, lambda: 0.85 < show.parameter('ball.stiffness') < 0.95 and is_shown())
     # keys take single steps
     value = show.parameter('ball.stiffness')
-    # a page that is drawn anew meanwhile may miss one
-    show.graph.spin_until(
-        lambda: show.parameter('ball.stiffness') > value or thumb.press('ArrowRight')
+    show.act_until(
+        lambda: thumb.press('ArrowRight'),
+        lambda: show.parameter('ball.stiffness') > value and is_shown(),
     )
 
 
 def test_a_change_made_elsewhere_moves_the_slider(show):
     assert show.graph.set_parameter(SIM, 'ball.stiffness', 0.25).successful
     expect(show.number('stiffness')).to_have_value('0.25')
-    assert show.row('stiffness').get_by_role('slider').get_attribute('aria-valuenow') == '0.25'
+    slider = show.row('stiffness').get_by_role('slider')
+    expect(slider).to_have_attribute('aria-valuenow', '0.25')
     # beyond what a slider of 0 … 2 kg shows
     assert show.graph.set_parameter(SIM, 'ball.mass', 40.0).successful
     expect(show.number('mass [kg]')).to_have_value('40')
@@ -245,8 +247,10 @@ def test_pause_step_and_apply_velocity(show):
     step = button(show, 'Step')
     expect(step).to_be_enabled()
     clouds = show.graph.collect(PointCloud2, f'{SIM}/points')
+    # who listens anew while it is paused gets what there is: that is no tick yet
+    paused = show.graph.spin_until(lambda: clouds and clouds[0])
     step.click()
-    show.graph.spin_until(lambda: clouds, 'a tick')
+    show.graph.spin_until(lambda: clouds[-1].header.stamp != paused.header.stamp, 'a tick')
     button(show, 'Go on').click()
     show.says(f'{SIM}: running')
     spin = show.number('linear [m∕s]', 2)
@@ -261,27 +265,29 @@ def test_pause_step_and_apply_velocity(show):
 
 def test_a_click_on_a_body_pokes_it_there(show):
     pokes = show.graph.collect(PointStamped, f'{SIM}/poke')
-    clouds = show.graph.collect(PointCloud2, f'{SIM}/points', 1)
+    clouds = show.graph.collect(PointCloud2, f'{SIM}/points', 500)
     show.graph.spin_until(lambda: clouds)
     button(show, 'Pause').click()
     show.says(f'{SIM}: paused')
 
     def click():
         browser_of_tests.close_notices(show.page)
+        show.graph.spin_until(show.sees_ball)
         rows, columns = np.nonzero(show.orange())
         show.page.mouse.click(columns.mean(), rows.mean())
 
     # a browser that draws slowly may still show an older picture, or miss a click
-    show.graph.spin_until(lambda: pokes or click(), 'a poke')
+    show.act_until(click, lambda: pokes, 'a poke')
     point = pokes[0].point
 
-    def distance():
-        cloud = np.frombuffer(clouds[-1].data, POINT_TYPE)
+    def distance(cloud):
+        points = np.frombuffer(cloud.data, POINT_TYPE)
         return np.hypot(
-            np.hypot(cloud['x'] - point.x, cloud['y'] - point.y), cloud['z'] - point.z
+            np.hypot(points['x'] - point.x, points['y'] - point.y), points['z'] - point.z
         ).min()
 
-    show.graph.spin_until(lambda: distance() < 0.1)
+    # it moves: the last cloud that is shown need not be the last one of all
+    show.graph.spin_until(lambda: any(distance(cloud) < 0.1 for cloud in clouds))
     assert point.y < 0.0  # the camera's side
     assert pokes[0].header.frame_id == 'world'
     button(show, 'Go on').click()
@@ -326,7 +332,7 @@ def test_what_comes_and_goes_is_shown_and_steered(show):
     expect(show.number('stiffness')).to_have_value('0.25')
     assert show.graph.set_parameter(SIM, 'bodies', ['ball']).successful
     show.says('642 vertices')
-    show.graph.spin_until(lambda: show.height(), 'a ball in the view')
+    show.graph.spin_until(show.sees_ball, 'a ball in the view')
 
 
 def test_a_node_that_goes_is_missed_and_one_that_comes_is_shown(show):
@@ -343,7 +349,7 @@ def test_a_node_that_goes_is_missed_and_one_that_comes_is_shown(show):
     show.says('204 vertices')
     expect(show.number('stiffness')).to_have_value('0.125')
     expect(button(show, 'Reset')).to_be_enabled()
-    show.graph.spin_until(lambda: show.height(), 'the other ball, far from where the first was')
+    show.graph.spin_until(show.sees_ball, 'the other ball, far from where the first was')
 
 
 def meet_again(graph):
@@ -400,11 +406,11 @@ def test_messages_alone_are_shown_as_of_a_bag(show, browser, graph):
         graph.spin_until(lambda: points.publish(clouds[0]) or condition())
 
     plays_until(lambda: 'a recording: nothing to steer' in tape.page.inner_text('body'))
-    plays_until(lambda: tape.height())
+    plays_until(tape.sees_ball)
     expect(button(tape, 'Reset')).to_be_disabled()
     tape.page.close()
     tape.viewer.send_signal(signal.SIGINT)
-    _, errors = tape.viewer.communicate(timeout=30)
+    _, errors = tape.viewer.communicate(timeout=TIMEOUT)
     assert tape.viewer.returncode == 0, errors
     assert 'Traceback' not in errors
 
@@ -438,7 +444,7 @@ def test_an_address_that_cannot_be_had_is_one_sentence(host, reason):
             taken.listen()
         run = subprocess.run(
             [sys.executable, '-m', 'softbody_ros.viewer', '--host', host, '--port', '65535'],
-            capture_output=True, text=True, timeout=30,
+            capture_output=True, text=True, timeout=TIMEOUT,
         )  # fmt: skip
     assert run.returncode == 1
     assert f'{host} port 65535 cannot be served at: {reason}' in run.stderr
@@ -453,8 +459,11 @@ def test_an_address_for_all_machines_is_said_as_one_that_opens(graph):
         str(browser_of_tests.free_port()),
         module='softbody_ros.viewer',
     )
-    line = viewer.stderr.readline()
-    address = re.search(r'open (http://127\.0\.0\.1:\d+) in a browser, elsewhere', line)
+    said = (
+        re.search(r'open (http://127\.0\.0\.1:\d+) in a browser, elsewhere', line)
+        for line in viewer.stderr
+    )
+    address = next(filter(None, said))
     with urllib.request.urlopen(address[1]) as page:
         assert page.status == 200
 
@@ -469,7 +478,7 @@ def test_the_node_brings_its_viewer_along(graph, end):
     with urllib.request.urlopen(address[1]) as page:
         assert page.status == 200
     node.send_signal(end)
-    _, errors = node.communicate(timeout=30)  # until both have closed it
+    _, errors = node.communicate(timeout=TIMEOUT)  # until both have closed it
     assert node.returncode == (0 if end == signal.SIGINT else -end), errors
     assert 'Traceback' not in errors
     with pytest.raises(urllib.error.URLError):
