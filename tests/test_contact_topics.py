@@ -120,9 +120,9 @@ STAND = """<robot name="stand"><link name="table"><collision><origin xyz="0 0 0.
 <geometry><box size="2 2 0.2"/></geometry></collision></link></robot>"""
 
 
-@pytest.mark.parametrize('plate', ['marker', 'link'])
+@pytest.mark.parametrize('plate', ['marker', 'link', 'deleted', 'expired'])
 def test_nothing_of_an_impact_on_what_comes_between_messages_is_lost(graph, plate):
-    """A plate comes right under the ball, which has bounced off before the next output."""
+    """A plate comes right under the ball, which has bounced off, before the next output."""
     sim = graph.sim_node(
         use_sim_time=True, points_rate=5.0, gravity__magnitude=0.0, obstacles=[''],
         ball__mode='rigid', ball__elasticity=1.0, ball__subdivisions=1, ball__mass=2.0,
@@ -135,11 +135,12 @@ def test_nothing_of_an_impact_on_what_comes_between_messages_is_lost(graph, plat
     graph.spin_until(sim._contacts._obstacles.get_subscription_count)
     for hundredths in (100, 120, 125):
         clock.reach(hundredths * SECOND // 100)
-    if plate == 'marker':
+    if plate != 'link':
         marker = Marker(ns='plate', type=Marker.CUBE)
         marker.header.frame_id = 'world'
         marker.pose.position.z, marker.pose.orientation.w = 0.5, 1.0
         marker.scale.x, marker.scale.y, marker.scale.z = 2.0, 2.0, 0.2
+        marker.lifetime.nanosec = 50_000_000 if plate == 'expired' else 0
         sender = graph.node.create_publisher(MarkerArray, f'{SIM}/obstacles', 10)
         graph.spin_until(sender.get_subscription_count)
         sender.publish(MarkerArray(markers=[marker]))
@@ -148,12 +149,22 @@ def test_nothing_of_an_impact_on_what_comes_between_messages_is_lost(graph, plat
         graph.node.create_publisher(String, '/robot_description', qos).publish(String(data=STAND))
     graph.spin_until(lambda: sim._world.obstacles)
     assert sim._world.velocities('ball')[0] == pytest.approx([0.0, 0.0, -10.0], abs=1e-9)
+    clock.reach(133 * SECOND // 100)
+    if plate == 'deleted':
+        marker.action = Marker.DELETE
+        sender.publish(MarkerArray(markers=[marker]))
+        graph.spin_until(lambda: not sim._world.obstacles)
+    assert bool(sim._world.obstacles) == (plate in ('marker', 'link'))
     for hundredths in (140, 160, 180):
         clock.reach(hundredths * SECOND // 100)
     graph.spin_until(lambda: felt and not force_of(felt[-1]).any())
     change = 2.0 * (sim._world.velocities('ball')[0] - [0.0, 0.0, -10.0])
     assert change == pytest.approx([0.0, 0.0, 40.0], rel=1e-3, abs=1e-3)
     assert -impulse_of(felt, clouds, 1.0) == pytest.approx(change, abs=1e-6)
+    if plate in ('deleted', 'expired'):
+        assert {message.header.frame_id for message in felt} == {'plate/0'}
+        known = {*sim._contacts._was_in_contact, *sim._contacts._means._obstacles}
+        assert known == {None}
 
 
 def test_what_an_obstacle_holds_is_on_the_topics_of_both(graph):

@@ -358,6 +358,55 @@ def test_obstacles_come_and_go():
     assert mean == pytest.approx(world.obstacle_impulse('ground').impulse / 0.1)
 
 
+def test_what_obstacles_felt_until_they_went_is_not_lost():
+    """Also of those that came and went in between, of one key."""
+    falls = box(mode='rigid', elasticity=1.0)
+    world = world_of(falls, obstacles=(), gravity_magnitude=0.0)
+    means = MeanWrenches(world)
+    means.begin_period()
+    begin, impulse, change = 0.0, np.zeros(3), np.zeros(3)
+
+    def visit():
+        """Let the body fall on a plate that comes, and jump."""
+        nonlocal change
+        world.set_twist('body', (0.0, 0.0, -1.0), (0.0, 0.0, 0.0))
+        height = world.positions('body')[:, 2].min() - 0.001
+        plate = ObstacleConfig(type='box', size=(1, 1, 0.1), position=(0, 0, height - 0.1))
+        world.change_obstacles([ObstacleUpdate(('plate', 0), plate)])
+        before = momentum(world)
+        world.step(10)
+        change = change + 2.0 * (momentum(world) - before)
+
+    def go():
+        world.change_obstacles([ObstacleRemoval('plate', 0)])
+
+    def ask():
+        nonlocal begin, impulse
+        departed = means.departed()
+        assert all(each.key == ('plate', 0) for each, _ in departed)
+        wrenches = [wrench for _, wrench in departed]
+        wrenches += [means.obstacle_wrench(key) for key in world.obstacle_keys]
+        impulse = impulse + (world.time - begin) * sum(force for force, _ in wrenches)
+        begin = world.time
+        means.begin_period()
+        return len(departed)
+
+    visit(), go(), world.step(7)
+    assert ask() == 1
+    visit(), go(), visit(), go(), world.step(3)
+    assert ask() == 2
+    visit()
+    assert ask() == 0
+    go(), world.step()
+    assert ask() == 1  # nothing more
+    assert set(means._obstacles) == {None}
+    assert change[2] == pytest.approx(4 * 2.0 * 2.0, rel=1e-3)
+    assert impulse == pytest.approx(-change, abs=1e-9)
+    visit(), go()
+    world.reset()
+    assert not means.departed()
+
+
 # -------------------------------------------------------------------------------------------- time
 def exchanged(world):
     """Return all that contacts have exchanged as something to compare."""

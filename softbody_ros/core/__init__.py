@@ -43,7 +43,7 @@ surfaces by simulated ones, for pictures.
 
 from softbody_ros.core.collision.point_obstacles import PointObstacles
 from softbody_ros.core.config import BodyConfig, ConfigError, ObstacleConfig, WorldConfig
-from softbody_ros.core.contact_forces import ContactImpulse
+from softbody_ros.core.contact_forces import ContactImpulse, Departure
 from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.external_inputs import ObstacleRemoval, ObstacleUpdate
 from softbody_ros.core.geometry.mesh import MeshFrame, make_surface
@@ -58,6 +58,7 @@ __all__ = [
     'BodyConfig',
     'ConfigError',
     'ContactImpulse',
+    'Departure',
     'Embedding',
     'MeanWrenches',
     'MeshError',

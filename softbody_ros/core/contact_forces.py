@@ -18,9 +18,12 @@ about a fixed point add up as well, but those of a body far from it say little b
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from softbody_ros.core.collision.obstacles import Obstacle
 
 ContactWrench: TypeAlias = tuple[np.ndarray, np.ndarray]
 """Force (3,), N, and torque (3,), N m, in world axes."""
@@ -65,3 +68,23 @@ class ContactImpulse:
             (self.impulse - before.impulse) / seconds,
             (self.angular_impulse - before.angular_impulse) / seconds,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """
+    What an obstacle had felt when it went.
+
+    Attributes
+    ----------
+    key : str or (str, int)
+    obstacle : Obstacle
+        at its last pose
+    impulse : ContactImpulse
+        of all the time for which it was there
+
+    """
+
+    key: ObstacleKey
+    obstacle: Obstacle
+    impulse: ContactImpulse

@@ -4,11 +4,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 
-from softbody_ros.core.contact_forces import ContactImpulse, ContactWrench, ObstacleKey
+from softbody_ros.core.contact_forces import (
+    ContactImpulse,
+    ContactWrench,
+    Departure,
+    ObstacleKey,
+)
 from softbody_ros.core.world import World
 
 _Integrals = dict[ObstacleKey, ContactImpulse]
@@ -34,6 +40,8 @@ class MeanWrenches:
 
     """
 
+    _departures: int
+
     def __init__(self, world: World) -> None:
         self._world = world
         self._begin()
@@ -52,6 +60,27 @@ class MeanWrenches:
         """Return the mean of `World.obstacle_wrench`."""
         key, now = self._world.obstacle_key(name), self._world.obstacle_impulse(name)
         return self._mean(self._obstacles, key, now) or self._world.obstacle_wrench(name)
+
+    def departed(self) -> list[tuple[Departure, ContactWrench]]:
+        """
+        Return the means, until now, of obstacles that have gone since this was last asked.
+
+        To be asked before `obstacle_wrench`, as there may be another of the same key.
+        """
+        world = self._world
+        if self._time_jumps != world.time_jumps:
+            self._begin()
+        gone = world.departed_since(self._departures)
+        self._departures = world.departures
+        result = []
+        for each in gone:
+            mean = self._mean(
+                self._obstacles, each.key, dataclasses.replace(each.impulse, end=world.time)
+            )
+            self._obstacles.pop(each.key, None)
+            if mean is not None:
+                result.append((each, mean))
+        return result
 
     def begin_period(self) -> None:
         """
@@ -73,7 +102,7 @@ class MeanWrenches:
     def _begin(self) -> None:
         """Begin all means at the present tick."""
         world = self._world
-        self._time_jumps = world.time_jumps
+        self._time_jumps, self._departures = world.time_jumps, world.departures
         self._period_begins = math.inf
         self._bodies: _Integrals = {name: world.contact_impulse(name) for name in world.names}
         self._pins: _Integrals = {name: world.pin_impulse(name) for name in world.names}

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 import dataclasses
@@ -46,11 +47,14 @@ from softbody_ros.core.config import (
 )
 from softbody_ros.core.contact import exchange
 from softbody_ros.core.contact.rows import NO_MEMORY, without
-from softbody_ros.core.contact_forces import ContactImpulse, ObstacleKey
+from softbody_ros.core.contact_forces import ContactImpulse, Departure, ObstacleKey
 from softbody_ros.core.embedding import Embedding
 from softbody_ros.core.external_inputs import (
     EVERY_BODY,
+    MOST_DYNAMIC_OBSTACLES,
+    DynamicObstacle,
     ExternalInputs,
+    Key,
     ObstacleChange,
     Wrench,
     ticks_of,
@@ -150,6 +154,8 @@ class World:
         number of calls of `reset` and `restore`
     rebuilds : int
         number of times that bodies were added or removed
+    departures : int
+        number of obstacles that went after they had touched something
 
     Parameters
     ----------
@@ -174,6 +180,8 @@ class World:
         self.tick = 0
         self.time_jumps = 0
         self.rebuilds = -1
+        self.departures = 0
+        self._last_departures: deque[Departure] = deque(maxlen=MOST_DYNAMIC_OBSTACLES)
         self._inputs = ExternalInputs()
         self._shapes: dict[tuple, BodyShape] = {}
         self._known_shapes = ShapeCache()
@@ -912,9 +920,27 @@ class World:
         self._wake_near([before, new])
 
     def _set_obstacles(self, present: tuple[Obstacle, ...]) -> None:
+        before = self._obstacles
         self._put_obstacles(present)
-        self._state.use_obstacles(self.obstacle_keys, self.tick)
+        self._sum_up(before, self._inputs.dynamic_obstacles)
         self._follow_holders(placed=True)
+
+    def _sum_up(
+        self, standing: Iterable[Obstacle], received: Mapping[Key, DynamicObstacle]
+    ) -> None:
+        """Sum up what the present obstacles feel; note it of those before that have gone."""
+        keys = self.obstacle_keys
+        if keys == self._state.obstacle_keys:
+            return
+        before: dict[ObstacleKey, Obstacle] = {each.config.name: each for each in standing}
+        before |= {key: item.obstacle for key, item in received.items()}
+        gone = before.keys() - set(keys)
+        for key in (each for each in self._state.obstacle_keys if each in gone):
+            felt = self.obstacle_impulse(key)
+            if felt.impulse.any() or felt.angular_impulse.any():
+                self._last_departures.append(Departure(key, before[key], felt))
+                self.departures += 1
+        self._state.use_obstacles(keys, self.tick)
 
     # ------------------------------------------------------------------------------ attachments
     def _check_attachment(self, index: int, config: BodyConfig) -> None:
@@ -1172,7 +1198,7 @@ class World:
         if (gravity != self.gravity).any():
             self._wake(slice(None))
         self._wake_near(inputs.obstacles_changed_since(before))
-        self._state.use_obstacles(self.obstacle_keys, self.tick)
+        self._sum_up(self._obstacles, before.dynamic_obstacles)
         self._follow_holders(placed=True)
 
     # ----------------------------------------------------------------------------------- config
@@ -1352,6 +1378,16 @@ class World:
         """Return the integral over time of `obstacle_wrench`, see `contact_forces`."""
         row = self._obstacle_row(name)
         return self._impulse(self._state.obstacle_total[row], self._state.obstacle_since[row])
+
+    def departed_since(self, departures: int) -> tuple[Departure, ...]:
+        """
+        Return what obstacles felt that have gone, after there were that many `departures`.
+
+        Of more than `MOST_DYNAMIC_OBSTACLES` the last ones. It is no part of the state: after a
+        reset or a return to a snapshot it means nothing.
+        """
+        last = min(self.departures - departures, len(self._last_departures))
+        return tuple(self._last_departures)[len(self._last_departures) - last :]
 
     def pin_wrench(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """

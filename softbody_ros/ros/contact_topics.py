@@ -12,7 +12,12 @@ import numpy as np
 from rclpy.publisher import Publisher
 
 from softbody_ros.core import MeanWrenches, World
-from softbody_ros.core.contact_forces import ContactWrench, ObstacleKey, name_of_obstacle
+from softbody_ros.core.contact_forces import (
+    ContactWrench,
+    Departure,
+    ObstacleKey,
+    name_of_obstacle,
+)
 from softbody_ros.core.external_inputs import (
     MOST_DYNAMIC_OBSTACLES,
     DynamicObstacle,
@@ -39,7 +44,8 @@ class ContactTopics:
     have all, the last one also links of a robot, each as a whole in its own frame, and markers and
     points of others. Each output has one message, the mean since the one before; none without
     force, but one of zeros when it has ended. What has come since is no exception: before, it felt
-    nothing. The first message of what nobody listened to at the output before is of the last tick.
+    nothing; nor what has gone, which has one before that of zeros. The first message of what
+    nobody listened to at the output before is of the last tick.
 
     Parameters
     ----------
@@ -138,6 +144,7 @@ class ContactTopics:
         """Publish what is listened to; `frame_id` is that of the world, `stamp` in ns."""
         self.update()
         world, means = self._world, self._means
+        departed = means.departed()
         every, every_pin = _heard(self._bodies), _heard(self._pins)
         for name in world.names:
             listeners = every + _heard(self._body[name])
@@ -160,14 +167,30 @@ class ContactTopics:
             wrench = self._due(key, key, listeners, means.obstacle_wrench, world.obstacle_wrench)
             _send(listeners, stamp, frame, rotation, wrench)
         self._publish_links(stamp, frame_ids)
-        self._end_gone(stamp, every, frame_ids)
+        self._end_gone(stamp, every, frame_ids, departed)
         means.begin_period()
 
     def _end_gone(
-        self, stamp: int, listeners: list[Publisher], frame_ids: dict[ObstacleKey, str]
+        self,
+        stamp: int,
+        listeners: list[Publisher],
+        frame_ids: dict[ObstacleKey, str],
+        departed: Sequence[tuple[Departure, ContactWrench]],
     ) -> None:
-        """Publish that obstacles that have gone feel nothing any more, and forget them."""
+        """
+        Publish what obstacles felt until they went, then that they feel nothing, and forget them.
+
+        Not of links: these go with their robot.
+        """
         before, self._frame_ids = self._frame_ids, frame_ids
+        for gone, (force, torque) in departed:
+            key = gone.key
+            if is_link(key) or key in self._unheard or not (force.any() or torque.any()):
+                continue
+            frame = before.get(key, name_of_obstacle(key))
+            _send(listeners, stamp, frame, gone.obstacle.rotation, (force, torque))
+            if key not in frame_ids and listeners:  # that it has ended is said at the next output
+                frame_ids[key], self._was_in_contact[key] = frame, True
         for key, frame_id in before.items():
             if key not in frame_ids:
                 self._means.forget(key)
