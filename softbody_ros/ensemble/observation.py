@@ -16,7 +16,7 @@ ANY_BODY = ''
 """Key of clouds whose points may be of any body."""
 
 
-class ObservationError(Refusal):
+class ObservationError(Refusal, ValueError):
     """An observation that cannot be used; with the reason in one sentence."""
 
 
