@@ -371,6 +371,29 @@ def test_viscous_friction_is_shared_out_by_area(share):
     assert share == 1.0 or one == pytest.approx(3.0 * two, rel=1e-9)
 
 
+@pytest.mark.parametrize('features', [3, 9])
+def test_viscous_friction_is_that_of_contacts_that_press(features):
+    open_ones = 0
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        body = Body(grid_cube(3), features=features)
+        case = Case([body.count], body.mobility)
+        for particle in random.permutation(len(body.mobility))[:12]:
+            frame = frame_of(random.normal(size=3))
+            case.add(
+                0, body.at({particle: 1.0}, frame), shares=[(particle, 1.0)], frame=frame,
+                friction=np.inf, bias=(random.uniform(-0.01, 0.004), 0.0, 0.0),
+                free=random.normal(scale=0.02, size=2), viscosity=random.choice([0.5, 1.0]),
+            )  # fmt: skip
+        residual, _, _ = case.solve(1e-11)
+        assert residual <= 1e-11
+        force = case.rows['force']
+        open_ones += np.count_nonzero(force[:, 0] == 0.0)
+        assert (force[:, 0] >= 0.0).all()
+        assert not force[force[:, 0] == 0.0].any()
+    assert open_ones > 40
+
+
 # ------------------------------------------------------------------------------------- degenerate
 def test_an_empty_problem():
     assert Case([RIGID]).solve()[0] == 0.0

@@ -72,7 +72,11 @@ STUBBORN = 5
 other strongly, updates by themselves would alternate. Not where viscous friction changes with the
 contacts that act, which sweeps would not end."""
 SETTLED = 8
-"""Updates after which viscous friction is that of the contacts that press then."""
+"""Updates after which viscous friction is that of the contacts that press then, and ends where one
+ceases to."""
+LAST = 10
+"""Updates before the last one, from which on there is no viscous friction, if there is still no
+solution."""
 PRECISION = 0.03
 """Displacement by the gradient, relative to the tolerance, at which Newton's method ends."""
 
@@ -146,7 +150,7 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
     best = imbalance(problem)
     keep(rows)
     take_discs(problem, best > tolerance)
-    newton = conjugate = 0
+    newton, conjugate, most = 0, 0, STEPS
     least = (PRECISION * tolerance) * (PRECISION * tolerance) * mass
     points = len(problem.mobility)
     load, vectors = np.empty(points), np.empty((5, len(rows) if points > 0 else 0, 3))
@@ -168,7 +172,14 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
             distribute_viscous_friction(problem)
             if update == SETTLED:
                 settle_viscous_friction(rows)
-        if residual <= tolerance or newton >= STEPS:
+        elif is_viscous and release_viscous_friction(rows):
+            residual = best = math.inf
+        if residual <= tolerance:
+            break
+        if is_viscous and (newton >= most or update == OUTER - LAST):
+            omit_viscous_friction(rows)
+            is_viscous, best, most = False, math.inf, newton + STEPS
+        elif newton >= most:
             break
     if residual > tolerance:
         # what Newton's method ends at without a solution may be far from all that is possible
@@ -371,6 +382,26 @@ def settle_viscous_friction(rows: np.ndarray) -> None:
             row['rubs'] = acts(row)
             if not row['rubs']:
                 row['friction'] = 0.0
+
+
+@helper
+def release_viscous_friction(rows: np.ndarray) -> bool:
+    """Take the friction from contacts that had it, but do not press after all; return if any."""
+    is_released = False
+    for k in range(len(rows)):
+        row = rows[k]
+        if row['rubs'] and not acts(row):
+            row['rubs'], row['friction'] = False, 0.0
+            is_released = True
+    return is_released
+
+
+@helper
+def omit_viscous_friction(rows: np.ndarray) -> None:
+    """Take viscous friction from all contacts: without it there is a solution."""
+    for k in range(len(rows)):
+        if rows[k]['viscosity'] > 0.0:
+            rows[k]['rubs'], rows[k]['friction'] = False, 0.0
 
 
 @helper
