@@ -23,8 +23,8 @@ which are matched only. A tick is a sequence of stages (step.py), each one or se
    pins). The result is a linear map of all particles (flight_map).
 2. contact/detection.py, all contacts of bodies with obstacles, points and each other, as rows
    (rows.py): found by collision/obstacle_contacts.py (shapes in collision/shapes.py, meshes in
-   geometry/bvh.py) and collision/body_contacts.py (broad_phase,
-   narrow_phase, edge_contacts).
+   geometry/bvh.py) and collision/body_contacts.py (broad_phase, narrow_phase, edge_contacts). Of
+   bodies that are inside each other, those that lead out (overlaps.py).
 3. contact/resolution.py: one problem for each island (island.py, problem.py, working_set.py), of
    bodies that yield by their modes (members.py), solved (solver.py, newton.py) once for positions
    (positions.py) and once for velocities (velocities.py). The equations are in

@@ -29,6 +29,7 @@ from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.collision.shapes import PLANE
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.contact.members import MEMBER, put_member
+from softbody_ros.core.contact.overlaps import part_overlaps
 from softbody_ros.core.contact.rows import (
     ROW,
     complete_row,
@@ -168,10 +169,22 @@ def find_rows(
             needed[FOUND] = 2 * found
             rows = np.empty(needed[FOUND], ROW)
             continue
+        found = part_overlaps(bodies, members, rows[:found], memory, h)
         searches += 1
         if not confirm_steady(bodies, members, rows[:found], memory, searches > 1):
             break
     return members, rows[:found], pairs_of(contacts, len(members))
+
+
+@helper
+def in_order_of_pairs(contacts: np.ndarray, count: int) -> np.ndarray:
+    """Return the order (c,) int of contacts in which those of a pair of members are together."""
+    codes = np.empty(len(contacts), np.int64)
+    for place in range(len(contacts)):
+        contact = contacts[place]
+        one, two = contact['body'], contact['other']
+        codes[place] = count * min(one, two) + max(one, two) if one < count else count * count
+    return np.argsort(codes, kind='mergesort')
 
 
 @helper
@@ -578,7 +591,8 @@ def find_face_rows(
         number of rows, even beyond the capacity
 
     """
-    for contact in contacts:
+    for place in in_order_of_pairs(contacts, len(members)):
+        contact = contacts[place]
         if not may_yield(contact, members, is_pinned):
             continue
         if found < len(rows):

@@ -38,6 +38,7 @@ from softbody_ros.core.contact.members import (
     put_rotation,
     start_velocities,
 )
+from softbody_ros.core.contact.overlaps import remember_overlaps
 from softbody_ros.core.contact.positions import (
     add_corners,
     separate,
@@ -134,6 +135,8 @@ def resolve(
     """
     count, status = len(members), np.empty(len(rows), np.int64)
     left = find_working_set(members, rows, obstacles, status)
+    remembered = np.empty(SPARE * left + len(rows), MEMORY)
+    kept = remember_overlaps(bodies, members, rows, remembered)
     workspace = for_islands(workspace, left)
     island, own, waiting = np.empty(count, np.int64), workspace.own, workspace.waiting
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
@@ -143,9 +146,8 @@ def resolve(
         members, rows, status, island, first_body, first_row, inside, local, own, working,
         first_waiting, waiting,
     )  # fmt: skip
-    remembered = np.empty(SPARE * left, MEMORY)
     flight = Flight(bodies, shapes, weights, q, v, flown, is_pinned, place_of)
-    kept, is_far = 0, False
+    is_far = False
     for root in range(count):
         first, last = first_row[root], first_row[root]
         together = inside[first_body[root] : first_body[root + 1]]

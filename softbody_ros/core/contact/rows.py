@@ -100,6 +100,7 @@ ROW = np.dtype(
         ('inverse_mass', np.float64),  # sum of both sides, 1/kg
         ('softness', np.float64),  # of its compliance, relative to the mean: few on little area
         ('elasticity', np.float64),
+        ('overlaps', np.bool_),  # whether its bodies are inside each other, see `overlaps`
         ('of_face', np.bool_),  # whether the normal is that of a face of the first side
         ('of_edges', np.bool_),  # whether it is that of an edge of each side
         # of its solution, see `positions` and `velocities`
@@ -128,8 +129,9 @@ OWNER, PARTNER = 1 << 23, 1 << 42
 """Factors of their `id` in the key of a contact, beyond the numbers of particles and of owners."""
 EDGES = OWNER - LARGEST_MESH
 """Pairs of edges of two bodies that keys tell apart: all, of up to 2000 sharp ones of each."""
-OF_BODIES, OF_POINTS = 1 << 61, 1 << 62
-"""Kinds of contacts in their keys; those with obstacles have none."""
+OF_BODIES, OF_POINTS, OF_OVERLAPS = 1 << 61, 2 << 61, 3 << 61
+"""Kinds of contacts in their keys; those with obstacles have none. And that of a pair of bodies
+that are inside each other, which is remembered like a contact."""
 
 
 @helper
@@ -150,6 +152,12 @@ def key_of(kind: int, partner: int, owner: int, particle: int) -> int:
 
 
 @helper
+def key_of_pair(one: int, two: int) -> int:
+    """Return the key of a pair of bodies that are inside each other, by their `id`."""
+    return key_of(OF_OVERLAPS, max(one, two), min(one, two), 0)
+
+
+@helper
 def concerns(key: int, number: int) -> bool:
     """Return whether a key is that of a contact of a body, or on it, by its `id`."""
     partner, owner = key // PARTNER % IDENTITIES, key // OWNER % IDENTITIES
@@ -160,7 +168,7 @@ def without(memory: np.ndarray, bodies: np.ndarray, obstacles: np.ndarray) -> np
     """Return MEMORY without contacts of bodies and obstacles that are removed, by their `id`."""
     key = memory['key']
     partner, owner = key // PARTNER % IDENTITIES, key // OWNER % IDENTITIES
-    of_bodies = (key >= OF_BODIES) & (key < OF_POINTS)
+    of_bodies = ((key >= OF_BODIES) & (key < OF_POINTS)) | (key >= OF_OVERLAPS)
     gone = np.isin(owner, bodies) | (np.isin(partner, bodies) & of_bodies)
     gone |= np.isin(partner, obstacles) & (key < OF_BODIES)
     return memory[~gone]
@@ -368,6 +376,12 @@ def end_normal(row: np.void, members: np.ndarray) -> Vector:
 
 
 @helper
+def is_of_pair(row: np.void) -> bool:
+    """Return whether a contact is between two bodies."""
+    return row['two'] >= 0 and row['one'] != row['two']
+
+
+@helper
 def side_of(row: np.void, side: int) -> tuple[int, float]:
     """Return the member of one side of a contact, or −1, and the sign of the force on it."""
     if side == 0:
@@ -493,20 +507,26 @@ def in_world(row, components):  # type: ignore[no-untyped-def]
 @helper
 def recall(row: np.void, memory: np.ndarray) -> None:
     """Write the force of a contact at the last tick; zero if it was not made."""
-    low, high = 0, len(memory)
-    while low < high:
-        middle = (low + high) // 2
-        if memory[middle]['key'] < row['key']:
-            low = middle + 1
-        else:
-            high = middle
-    row['is_new'] = not (low < len(memory) and memory[low]['key'] == row['key'])
-    row['known'] = -1 if row['is_new'] else low
+    known = place_of_key(row['key'], memory)
+    row['is_new'], row['known'], row['overlaps'] = known < 0, known, False
     put_vector(row['remembered'], ZERO)
     row['tolerated'], row['gap_before'] = math.inf, 0.0
     if not row['is_new']:
-        put_vector(row['remembered'], vector_of(memory[low]['force']))
-        row['tolerated'], row['gap_before'] = memory[low]['tolerated'], memory[low]['gap']
+        put_vector(row['remembered'], vector_of(memory[known]['force']))
+        row['tolerated'], row['gap_before'] = memory[known]['tolerated'], memory[known]['gap']
+
+
+@helper
+def place_of_key(key: int, memory: np.ndarray) -> int:
+    """Return where a key is in MEMORYs in their order, or −1."""
+    low, high = 0, len(memory)
+    while low < high:
+        middle = (low + high) // 2
+        if memory[middle]['key'] < key:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < len(memory) and memory[low]['key'] == key else -1
 
 
 @helper
