@@ -5,10 +5,10 @@
 import numpy as np
 
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact.newton import descend, majorise, minimise
+from softbody_ros.core.contact.newton import INNER, descend, majorise, minimise
 from softbody_ros.core.contact.problem import Problem, find_diagonals, sum_forces
 from softbody_ros.core.contact.rows import ROW
-from softbody_ros.core.contact.solver import solve, sweep, update_discs
+from softbody_ros.core.contact.solver import STEPS, solve, sweep, update_discs
 from softbody_ros.core.lanes import LANES
 
 RIGID, LINEAR, QUADRATIC = 6, 15, 33
@@ -28,7 +28,7 @@ def updated_discs(rows: np.ndarray, extrapolates: bool) -> None:
 @kernel
 def solve_all(rows, jacobian, counts, mobility, modes, shifts, hessian, filled, tolerance, result):
     problem = Problem(rows, jacobian, counts, mobility, modes, shifts, hessian, filled)
-    result[0], sweeps, steps = solve(problem, tolerance, 1.0)
+    result[0], sweeps, steps = solve(problem, tolerance, 1.0, STEPS)
     result[1], result[2] = sweeps, steps
 
 
@@ -39,7 +39,7 @@ def step_all(rows, jacobian, counts, mobility, modes, shifts, hessian, filled, t
     sum_forces(problem)
     majorise(problem, np.empty(len(mobility)))
     if kind[0] == 0.0:
-        minimise(problem, tolerance * tolerance)
+        minimise(problem, tolerance * tolerance, INNER)
     elif kind[0] == 1.0:
         descend(problem, np.empty((5, len(rows), 3)))
     else:

@@ -10,14 +10,17 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.problem import RIGID_MODES, Problem, width_of
-from softbody_ros.core.contact.solver import LARGEST_ISLAND, solve
+from softbody_ros.core.contact.solver import LARGEST_ISLAND, STEPS, solve
 from softbody_ros.core.contact.working_set import Flight
 from softbody_ros.core.contact.workspace import CORNERS, Workspace, jacobian_of
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.vectors import IDENTITY, ZERO, put_matrix, put_vector
 
-SWEEPS, STEPS, UNSOLVED = range(3)
+SWEEPS, NEWTON, UNSOLVED = range(3)
 """Places in `Island.work`."""
+MOST_STEPS, FEW_STEPS = 1000, 40
+"""Newton steps for all problems of an island in a tick, and what each one has in any case: where
+obstacles leave no room, many problems may have no solution."""
 
 
 class Island(NamedTuple):
@@ -46,7 +49,7 @@ class Island(NamedTuple):
     is_soft: bool
     """whether a body deforms"""
     work: np.ndarray
-    """(3,) int: sweeps, Newton steps, problems that are not solved to tolerance"""
+    """(3,) int: sweeps, Newton steps, problems that are not solved to tolerance; of this tick"""
 
 
 @helper
@@ -59,7 +62,6 @@ def make_island(
     obstacles: np.ndarray,
     trees: Trees,
     h: float,
-    work: np.ndarray,
     workspace: Workspace,
 ) -> Island:
     """Return an island of MEMBERs (m,) before its contacts act, with room (r,) ROW for these."""
@@ -74,7 +76,7 @@ def make_island(
     problem = new_problem(members, room, workspace)
     return Island(
         members, workspace.particles, problem, rows, waiting, flight, obstacles, trees, h, scale,
-        mass, is_soft, work,
+        mass, is_soft, np.zeros(3, np.int64),
     )  # fmt: skip
 
 
@@ -123,8 +125,9 @@ def touched_particles(island: Island, problem: Problem) -> np.ndarray:
 @helper
 def solved(problem: Problem, tolerance: float, island: Island) -> float:
     """Solve a problem of an island and count what that takes; return the residual."""
-    residual, sweeps, steps = solve(problem, tolerance, island.mass)
     work = island.work
-    work[SWEEPS], work[STEPS] = work[SWEEPS] + sweeps, work[STEPS] + steps
+    most = min(STEPS, max(MOST_STEPS - work[NEWTON], FEW_STEPS))
+    residual, sweeps, steps = solve(problem, tolerance, island.mass, most)
+    work[SWEEPS], work[NEWTON] = work[SWEEPS] + sweeps, work[NEWTON] + steps
     work[UNSOLVED] += residual > tolerance
     return residual

@@ -78,7 +78,7 @@ CONJUGATE, REDUCTION = 20, 0.1
 
 
 @helper
-def minimise(problem: Problem, least: float) -> int:
+def minimise(problem: Problem, least: float, patience: int) -> int:
     """
     Minimise the model for given friction discs, and move the forces to its minimum.
 
@@ -90,6 +90,8 @@ def minimise(problem: Problem, least: float) -> int:
         after `majorise`
     least : float
         square of the gradient that suffices
+    patience : int
+        steps after which the gradient is to be less
 
     Returns
     -------
@@ -98,12 +100,17 @@ def minimise(problem: Problem, least: float) -> int:
 
     """
     y, gradient, step = problem.modes[0], problem.modes[1], problem.modes[2]
-    steps, solved = 0, False
+    steps, solved, smallest, stalled = 0, False, math.inf, 0
     for _ in range(INNER):
         size = evaluate(problem, y, gradient)
         if size <= max(least, ROUNDING * ROUNDING * squared(problem, y)):
             solved = True
             break
+        stalled = 0 if size < smallest else stalled + 1
+        if stalled == patience:
+            # what is left may be rounding, as of large forces that all but cancel
+            break
+        smallest = min(smallest, size)
         assemble(problem)
         factorise(problem.counts, problem.hessian, problem.filled)
         for member in range(len(problem.counts)):

@@ -153,14 +153,14 @@ def resolve(
         together = inside[first_body[root] : first_body[root + 1]]
         particles, meets = workspace.particles[:0], first < first_row[root + 1]
         if meets:
-            acting, touched = resolve_island(
-                make_island(
-                    together, own[first : first_row[root + 1]], rows,
-                    waiting[first_waiting[root] : first_waiting[root + 1]], flight, obstacles,
-                    trees, h, work, workspace,
-                ),
-                working[root],
+            whole = make_island(
+                together, own[first : first_row[root + 1]], rows,
+                waiting[first_waiting[root] : first_waiting[root + 1]], flight, obstacles, trees,
+                h, workspace,
             )  # fmt: skip
+            acting, touched = resolve_island(whole, working[root])
+            for which in range(3):
+                work[which] += whole.work[which]
             last, particles = first + acting, workspace.particles[:touched]
         for k in range(first, last):
             row = own[k]
@@ -216,7 +216,7 @@ def resolve_island(island: Island, working: int) -> tuple[int, int]:
         number of contacts that act, the first ones then; and of particles
 
     """
-    members, h, unsolved = island.members, island.h, island.work[UNSOLVED]
+    members, h = island.members, island.h
     energy = kinetic_energy(members)
     problem, has_room = solve_positions(island, working)
     if has_room:
@@ -235,7 +235,7 @@ def resolve_island(island: Island, working: int) -> tuple[int, int]:
     acting = begin_velocities(members, particles, problem, h)
     if acting > 0:
         solve_velocities(island, first_rows(problem, acting, len(particles)), kept)
-    share, is_unsolved = 1.0, island.work[UNSOLVED] > unsolved
+    share, is_unsolved = 1.0, island.work[UNSOLVED] > 0
     if not island.is_soft and (
         not any_driven(members) or is_unsolved or any_inside(members, rows)
     ):

@@ -11,6 +11,11 @@ exactly. If it omits something, conjugate gradients and sweeps follow each time,
 The numbers of all are bounded, and so is the time; how far the result is from a solution is
 returned.
 
+A problem may have no solution: where a contact that holds against sliding presses itself on, as of
+a door on a wedge (Painlevé), forces would grow without bound from disc to disc. Where the result
+is far from a solution, friction is that of the normal forces without friction: a problem that has
+a solution, of bounded forces.
+
 Where contacts of each of two bodies are with faces of the other, nearly the same contact is there
 twice, and W nearly singular. A compliance of about a tenth of the particles' own response makes
 such problems easy; with b = b − c f at the start f, it acts on the change of the force only
@@ -24,7 +29,7 @@ import math
 import numpy as np
 
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.contact.newton import descend, majorise, minimise
+from softbody_ros.core.contact.newton import INNER, descend, majorise, minimise
 from softbody_ros.core.contact.problem import (
     RIGID_MODES,
     Problem,
@@ -63,7 +68,7 @@ modes, and those after each model."""
 LARGEST_ISLAND = 180
 """Modes of all bodies of an island up to which Newton's equations are factorised."""
 OUTER, STEPS = 60, 400
-"""Most updates of the friction discs, and Newton steps."""
+"""Most updates of the friction discs, and Newton steps for one problem."""
 EXTRAPOLATED, ALTERNATING = 0.05, -0.5
 """Ratio of changes of the discs, and distance from 1, from which on they are extrapolated; and the
 ratio of changes that alternate, up to which they are."""
@@ -71,18 +76,25 @@ STUBBORN = 5
 """Updates after which sweeps follow in any case: where normal forces and friction depend on each
 other strongly, updates by themselves would alternate. Not where viscous friction changes with the
 contacts that act, which sweeps would not end."""
+LONG, PATIENCE = 120, 8
+"""Newton steps after which models are not minimised any more that do not get on for so many."""
 SETTLED = 8
 """Updates after which viscous friction is that of the contacts that press then, and ends where one
 ceases to."""
 LAST = 10
 """Updates before the last one, from which on there is no viscous friction, if there is still no
 solution."""
+FAR, MODELS = 1e6, 4
+"""Residual, relative to the tolerance, from which on friction is that of the normal forces without
+friction; and how many models are minimised for that where they omit something."""
 PRECISION = 0.03
 """Displacement by the gradient, relative to the tolerance, at which Newton's method ends."""
 
 
 @helper
-def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, int]:
+def solve(
+    problem: Problem, tolerance: float, mass: float, most_steps: int
+) -> tuple[float, int, int]:
     """
     Solve the contact problem of one island.
 
@@ -94,6 +106,8 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
         of s
     mass : float
         of the lightest body, kg
+    most_steps : int
+        of Newton's method, up to those of the last model
 
     Returns
     -------
@@ -150,13 +164,13 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
     best = imbalance(problem)
     keep(rows)
     take_discs(problem, best > tolerance)
-    newton, conjugate, most = 0, 0, STEPS
+    newton, conjugate, most = 0, 0, most_steps
     least = (PRECISION * tolerance) * (PRECISION * tolerance) * mass
     points = len(problem.mobility)
     load, vectors = np.empty(points), np.empty((5, len(rows) if points > 0 else 0, 3))
     for update in range(OUTER):
         is_shared = majorise(problem, load)
-        newton += minimise(problem, least)
+        newton += minimise(problem, least, INNER if newton < LONG else PATIENCE)
         if is_shared:
             conjugate += descend(problem, vectors)
         if is_shared or (update >= STUBBORN and not is_viscous):
@@ -178,7 +192,7 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
             break
         if is_viscous and (newton >= most or update == OUTER - LAST):
             omit_viscous_friction(rows)
-            is_viscous, best, most = False, math.inf, newton + STEPS
+            is_viscous, best, most = False, math.inf, newton + most_steps
         elif newton >= most:
             break
     if residual > tolerance:
@@ -187,7 +201,49 @@ def solve(problem: Problem, tolerance: float, mass: float) -> tuple[float, int, 
         for k in range(len(rows)):
             put_vector(rows[k]['force'], vector_of(rows[k]['best']))
         sum_forces(problem)
+    if residual > FAR * tolerance:
+        more, conjugate_more = bound_friction(problem, least, load, vectors)
+        newton, conjugate = newton + more, conjugate + conjugate_more
+        residual = imbalance(problem)
     return residual, sweeps, newton + conjugate
+
+
+@helper
+def bound_friction(
+    problem: Problem, least: float, load: np.ndarray, vectors: np.ndarray
+) -> tuple[int, int]:
+    """
+    Solve the problem with the friction discs of the normal forces that it has without friction.
+
+    Parameters
+    ----------
+    problem : Problem
+    least : float
+        see `minimise`
+    load, vectors
+        see `majorise`, `descend`
+
+    Returns
+    -------
+    newton, conjugate : int
+        steps
+
+    """
+    rows, newton, conjugate = problem.rows, 0, 0
+    for has_friction in range(2):
+        for k in range(len(rows)):
+            row = rows[k]
+            row['radius'] = 0.0
+            if has_friction == 1 or row['friction'] == math.inf:
+                row['radius'] = radius_for(row, row['force'][0])
+        project_on_discs(problem)
+        for _ in range(MODELS):
+            is_shared = majorise(problem, load)
+            newton += minimise(problem, least, PATIENCE)
+            if not is_shared:
+                break
+            conjugate += descend(problem, vectors)
+    return newton, conjugate
 
 
 @helper
@@ -311,8 +367,14 @@ def imbalance(problem: Problem) -> float:
 @helper
 def take_discs(problem: Problem, extrapolates: bool) -> None:
     """Take the friction discs of the present normal forces, or of those that they tend to."""
+    update_discs(problem.rows, extrapolates)
+    project_on_discs(problem)
+
+
+@helper
+def project_on_discs(problem: Problem) -> None:
+    """Move the tangential forces into the friction discs."""
     rows = problem.rows
-    update_discs(rows, extrapolates)
     for k in range(len(rows)):
         row = rows[k]
         base, force = row['base'], row['force']
