@@ -440,7 +440,7 @@ def find_rows_of_body(
 
 @helper
 def may_yield(contact: np.void, members: np.ndarray, is_pinned: np.ndarray) -> bool:
-    """Return whether one side of a contact is not held by pins."""
+    """Return whether one side of a contact is not held by pins where it is touched."""
     owner, particles = contact['body'], contact['particles']
     own = 1 if contact['edges'] < 0 else 2
     if owner < len(members) and not is_held(members[owner]):
@@ -450,7 +450,7 @@ def may_yield(contact: np.void, members: np.ndarray, is_pinned: np.ndarray) -> b
     if is_held(members[contact['other']]):
         return False
     for corner in range(own, 4):
-        if not is_pinned[particles[corner]]:
+        if contact['coefficients'][corner] != 0.0 and not is_pinned[particles[corner]]:
             return True
     return False
 
@@ -591,6 +591,7 @@ def find_face_rows(
         number of rows, even beyond the capacity
 
     """
+    first = found
     for place in in_order_of_pairs(contacts, len(members)):
         contact = contacts[place]
         if not may_yield(contact, members, is_pinned):
@@ -601,5 +602,38 @@ def find_face_rows(
             )
             recall(rows[found], memory)
             complete_row(rows[found], members, velocity, h)
+            is_held_somewhere = rows[found]['of_face'] and members[contact['other']]['has_pins']
+            if is_held_somewhere and contradicts(rows[found], contact, rows[:first]):
+                continue
         found += 1
     return found
+
+
+@helper
+def contradicts(row: np.void, contact: np.void, rows: np.ndarray) -> bool:
+    """
+    Return whether a face is to leave an obstacle by a side by which its corners cannot.
+
+    An obstacle that is within a body, as where it has passed pinned particles, presses the
+    corners of a face outwards, and so cannot get out through that face: particles would be moved
+    any distance for it.
+
+    Parameters
+    ----------
+    row : ROW
+        of a point of the obstacle with the face
+    contact : CONTACT
+        the same, of the narrow phase
+    rows : (k,) ROW
+        of all particles with obstacles
+
+    """
+    normal, particles = vector_of(row['normal']), contact['particles']
+    for other in rows:
+        if other['obstacle'] != row['obstacle'] or other['one'] != row['one']:
+            continue
+        column = other['column']
+        is_corner = column == particles[1] or column == particles[2] or column == particles[3]
+        if is_corner and dot(vector_of(other['normal']), normal) < 0.0:
+            return True
+    return False

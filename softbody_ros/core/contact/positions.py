@@ -84,8 +84,10 @@ TOLERANCE, SOFT_TOLERANCE, SINGLE_TOLERANCE = 1e-11, 1e-10, 1e-8
 with deformable bodies, the third one of a deformable body alone: where there is no other, the
 result need not be the same for any order of bodies."""
 LEAST_MOBILITY = 0.25
-"""Of a contact with pinned particles, relative to the largest one of a free particle of it, below
-which it fades."""
+"""Of a contact with pins below which it fades: relative to that of its free particle that yields
+most; of a rigid body along the normal, relative to that in all directions."""
+LEAST_LEVER = 0.2
+"""Of a contact of a rigid body about the axis of its pins, in RMS radii, below which it fades."""
 PROXIMAL = 0.1
 """Compliance of contacts of deformable bodies that share particles, for changes of forces and for
 velocities, relative to the response of their particles."""
@@ -134,7 +136,9 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
             particles = touched_particles(island, problem)
         error, overlap = linearise(members, particles, problem)
         shrinks = overlap <= max(0.5 * last, linearised)
-        has_room = last == math.inf or joins or shrinks or residual > tolerance
+        # of a large island they may be left since no solution was found in time
+        is_late = is_large and residual > tolerance
+        has_room = last == math.inf or joins or shrinks or is_late
         if (error <= linearised and not joins) or not has_room:
             break
         last = overlap
@@ -228,7 +232,9 @@ def begin_positions(island: Island, known: int, first: int, working: int) -> Pro
         row['shares_particles'] = is_shared(row, particles)
         if row['shares_particles']:
             compliance += PROXIMAL * mobility
-        row['lasting'] = compliance_of_pins(row, members, whole.mobility)
+        row['lasting'] = compliance_of_pins(
+            row, members, whole.mobility, jacobian, k, whole.counts
+        )
         row['compliance'][0] = row['compliance'][1] = compliance + row['lasting']
         start = scaled(0.5 * h * h, vector_of(row['remembered']))
         row['bias'][0] = row['linear_gap'] = row['gap']
@@ -317,28 +323,69 @@ def is_shared(row: np.void, particles: np.ndarray) -> bool:
 
 
 @helper
-def compliance_of_pins(row: np.void, members: np.ndarray, mobility: np.ndarray) -> float:
+def compliance_of_pins(
+    row: np.void,
+    members: np.ndarray,
+    mobility: np.ndarray,
+    jacobian: np.ndarray,
+    k: int,
+    counts: np.ndarray,
+) -> float:
     """
-    Return a compliance of a contact on a face with pinned corners.
+    Return a compliance of a contact where pins leave its sides next to no way out.
 
-    By itself, a free corner with a small share would have to move as many times as far as the face
-    overlaps, if what touches cannot get out of the way: an obstacle, or a body with pins, too.
-    So a contact fades whose free corner has less than half of it, and none moves more than twice
-    as far as it overlaps. Where all corners are pinned there is no contact.
+    By itself, a free corner of a face with a small share would have to move as many times as far
+    as the face overlaps, if what touches cannot get out of the way: an obstacle, or a body with
+    pins, too. So would a rigid body that pins let turn only, if the normal all but points to its
+    axis, or the contact is next to that. So a contact fades whose free corner has less than half
+    of it, so that none moves more than twice as far as it overlaps, or whose normal is more than
+    60° off the way that the point can go. Where nothing can move there is no contact.
     """
     for side in range(2):
         index, _ = side_of(row, side)
         if index >= 0 and not members[index]['has_pins']:
             return 0.0
-    largest, is_pinned = 0.0, False
+    largest, is_pinned, is_rigid = 0.0, False, True
     for corner in range(4):
         if row['shares'][corner] != 0.0:
             own = mobility[row['particles'][corner]]
             largest, is_pinned = max(largest, own), is_pinned or own == 0.0
-    if not is_pinned:
+            is_rigid = False
+    if not (is_pinned or is_rigid):
         return 0.0
-    own, least = own_mobility(row, mobility), LEAST_MOBILITY * largest
+    own = own_mobility(row, mobility)
+    least = LEAST_MOBILITY * largest
+    if is_rigid:
+        own, one, two = own_response(row, jacobian, k, counts)
+        least = LEAST_MOBILITY * (own + one + two)
+        for side in range(2):
+            index, _ = side_of(row, side)
+            if index >= 0:
+                least = max(least, LEAST_LEVER * LEAST_LEVER * turning_response(members[index]))
     return (least - own) * least / own if 0.0 < own < least else 0.0
+
+
+@helper
+def turning_response(member: np.void) -> float:
+    """Return the response of a body that only turns, one RMS radius from its axis, 1/kg."""
+    inverse = member['inverse_inertia']
+    squared = inverse[0, 0] + inverse[1, 1] + inverse[2, 2]
+    return squared * member['scale'] * member['scale'] / member['mass']
+
+
+@helper
+def own_response(row: np.void, jacobian: np.ndarray, k: int, counts: np.ndarray) -> Vector:
+    """Return the responses of the modes to a force of one row, along normal and tangents."""
+    response = ZERO
+    for side in range(2):
+        index, _ = side_of(row, side)
+        if index >= 0:
+            line = line_of(k, side)
+            for mode in range(counts[index]):
+                n, one = jacobian[line, mode], jacobian[line + 1, mode]
+                two = jacobian[line + 2, mode]
+                response = plus(response, (n * n, one * one, two * two))
+    return response
 
 
 @helper

@@ -197,6 +197,9 @@ def complete_row(row: np.void, members: np.ndarray, velocity: Vector, h: float) 
     motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
     before = row['gap'] - dot(normal, motion)
     recovered = RECOVERY * one['scale'] * h
+    if one['has_pins'] or (row['two'] >= 0 and members[row['two']]['has_pins']):
+        # what pins hold may not have got out of the way
+        row['tolerated'] = math.inf
     row['tolerated'] = max(min(row['tolerated'], -before) - recovered, 0.0)
     row['gap'] += row['tolerated']
     touching, approach = touch(

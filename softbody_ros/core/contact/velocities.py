@@ -194,7 +194,12 @@ def begin_velocities(
         row['bias'][0] = dot(normal, velocity) + row['elasticity'] * row['approach'] + yielding
         compliance = VELOCITY_COMPLIANCE * row['inverse_mass']
         share = PROXIMAL if is_shared(row, particles) else SOFT_VELOCITY_COMPLIANCE
-        compliance += share * mobility + compliance_of_pins(row, members, problem.mobility)
+        compliance += share * mobility
+        if mobility > 0.0 or dot(normal, velocity) < 0.0:
+            # not where the force of the positions is to be taken back
+            compliance += compliance_of_pins(
+                row, members, problem.mobility, jacobian, acting, problem.counts
+            )
         row['compliance'][0] = row['compliance'][1] = compliance
         for axis in range(2):
             tangent = vector_of(row['tangents'][axis])
