@@ -28,7 +28,7 @@ def updated_discs(rows: np.ndarray, extrapolates: bool) -> None:
 @kernel
 def solve_all(rows, jacobian, counts, mobility, modes, shifts, hessian, filled, tolerance, result):
     problem = Problem(rows, jacobian, counts, mobility, modes, shifts, hessian, filled)
-    result[0], sweeps, steps = solve(problem, tolerance, 1.0, STEPS)
+    result[0], sweeps, steps = solve(problem, tolerance, 1.0, STEPS, False)
     result[1], result[2] = sweeps, steps
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.problem import RIGID_MODES, Problem, width_of
-from softbody_ros.core.contact.solver import LARGEST_ISLAND, STEPS, solve
+from softbody_ros.core.contact.solver import FEW_BODIES, LARGEST_ISLAND, STEPS, solve
 from softbody_ros.core.contact.working_set import Flight
 from softbody_ros.core.contact.workspace import CORNERS, Workspace, jacobian_of
 from softbody_ros.core.geometry.bvh import Trees
@@ -20,7 +20,7 @@ SWEEPS, NEWTON, UNSOLVED = range(3)
 """Places in `Island.work`."""
 MOST_STEPS, FEW_STEPS = 1000, 40
 """Newton steps for all problems of an island in a tick, and what each one has in any case: where
-obstacles leave no room, many problems may have no solution."""
+obstacles leave no room, many problems may have no solution. Of few rigid bodies, or with pins."""
 
 
 class Island(NamedTuple):
@@ -48,6 +48,8 @@ class Island(NamedTuple):
     """of the lightest body, kg"""
     is_soft: bool
     """whether a body deforms"""
+    is_held: bool
+    """whether pins hold a body"""
     work: np.ndarray
     """(3,) int: sweeps, Newton steps, problems that are not solved to tolerance; of this tick"""
 
@@ -65,10 +67,10 @@ def make_island(
     workspace: Workspace,
 ) -> Island:
     """Return an island of MEMBERs (m,) before its contacts act, with room (r,) ROW for these."""
-    scale, mass, is_soft = members[0]['scale'], members[0]['mass'], False
+    scale, mass, is_soft, is_held = members[0]['scale'], members[0]['mass'], False, False
     for member in members:
         scale, mass = min(scale, member['scale']), min(mass, member['mass'])
-        is_soft = is_soft or member['is_soft']
+        is_soft, is_held = is_soft or member['is_soft'], is_held or member['has_pins']
         put_vector(member['shift'], ZERO)
         put_matrix(member['rotation'], IDENTITY)
         put_vector(member['received'][0], ZERO)
@@ -76,7 +78,7 @@ def make_island(
     problem = new_problem(members, room, workspace)
     return Island(
         members, workspace.particles, problem, rows, waiting, flight, obstacles, trees, h, scale,
-        mass, is_soft, np.zeros(3, np.int64),
+        mass, is_soft, is_held, np.zeros(3, np.int64),
     )  # fmt: skip
 
 
@@ -126,8 +128,10 @@ def touched_particles(island: Island, problem: Problem) -> np.ndarray:
 def solved(problem: Problem, tolerance: float, island: Island) -> float:
     """Solve a problem of an island and count what that takes; return the residual."""
     work = island.work
-    most = min(STEPS, max(MOST_STEPS - work[NEWTON], FEW_STEPS))
-    residual, sweeps, steps = solve(problem, tolerance, island.mass, most)
+    # of heaps, what no solution is found for has room
+    is_narrow = island.is_held or (not island.is_soft and len(island.members) <= FEW_BODIES)
+    most = min(STEPS, max(MOST_STEPS - work[NEWTON], FEW_STEPS)) if is_narrow else STEPS
+    residual, sweeps, steps = solve(problem, tolerance, island.mass, most, is_narrow)
     work[SWEEPS], work[NEWTON] = work[SWEEPS] + sweeps, work[NEWTON] + steps
     work[UNSOLVED] += residual > tolerance
     return residual

@@ -136,8 +136,8 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
             particles = touched_particles(island, problem)
         error, overlap = linearise(members, particles, problem)
         shrinks = overlap <= max(0.5 * last, linearised)
-        # of a large island they may be left since no solution was found in time
-        is_late = is_large and residual > tolerance
+        # but for pins they may be left since no solution was found in time
+        is_late = not island.is_held and residual > tolerance
         has_room = last == math.inf or joins or shrinks or is_late
         if (error <= linearised and not joins) or not has_room:
             break

@@ -13,8 +13,8 @@ returned.
 
 A problem may have no solution: where a contact that holds against sliding presses itself on, as of
 a door on a wedge (Painlevé), forces would grow without bound from disc to disc. Where the result
-is far from a solution, friction is that of the normal forces without friction: a problem that has
-a solution, of bounded forces.
+is far from a solution, Coulomb friction is that of the normal forces without friction: a problem
+that has a solution, of bounded forces.
 
 Where contacts of each of two bodies are with faces of the other, nearly the same contact is there
 twice, and W nearly singular. A compliance of about a tenth of the particles' own response makes
@@ -93,7 +93,7 @@ PRECISION = 0.03
 
 @helper
 def solve(
-    problem: Problem, tolerance: float, mass: float, most_steps: int
+    problem: Problem, tolerance: float, mass: float, most_steps: int, is_narrow: bool
 ) -> tuple[float, int, int]:
     """
     Solve the contact problem of one island.
@@ -108,6 +108,9 @@ def solve(
         of the lightest body, kg
     most_steps : int
         of Newton's method, up to those of the last model
+    is_narrow : bool
+        whether there may be no solution, as obstacles may leave no room: if so, models that do not
+        get on are left, and friction is bounded
 
     Returns
     -------
@@ -170,7 +173,7 @@ def solve(
     load, vectors = np.empty(points), np.empty((5, len(rows) if points > 0 else 0, 3))
     for update in range(OUTER):
         is_shared = majorise(problem, load)
-        newton += minimise(problem, least, INNER if newton < LONG else PATIENCE)
+        newton += minimise(problem, least, PATIENCE if is_narrow and newton >= LONG else INNER)
         if is_shared:
             conjugate += descend(problem, vectors)
         if is_shared or (update >= STUBBORN and not is_viscous):
@@ -201,7 +204,7 @@ def solve(
         for k in range(len(rows)):
             put_vector(rows[k]['force'], vector_of(rows[k]['best']))
         sum_forces(problem)
-    if residual > FAR * tolerance:
+    if is_narrow and residual > FAR * tolerance and not is_viscous:
         more, conjugate_more = bound_friction(problem, least, load, vectors)
         newton, conjugate = newton + more, conjugate + conjugate_more
         residual = imbalance(problem)
