@@ -34,7 +34,7 @@ from softbody_ros.core.geometry.vectors import (
     vector_of,
 )
 
-INSIDE, OUT = 0.1, 1e-3
+INSIDE, OUT = 0.2, 1e-3
 """Depths of a contact before the tick, in RMS radii of the smaller body: above the first one its
 bodies are inside each other, since what meets in any other way is not that deep, and they are
 until all are below the second one."""
