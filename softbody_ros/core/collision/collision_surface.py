@@ -23,7 +23,7 @@ NEIGHBOURS = 2.0
 SHARP = 0.1
 """Length of an edge times the sine of half its bend, in RMS radii, from which it touches others:
 about a quarter of that two edges could cross before a vertex of one meets a face of the other."""
-LONG = 0.5
+LONG = 1.0
 """Length of other edges, in RMS radii, from which these may touch others where they are bent."""
 
 SURFACE = np.dtype(

@@ -33,7 +33,10 @@ PARALLEL = 0.05
 """Sine of the angle between edges up to which there is none: vertices near their ends touch."""
 SUPPORT = 0.1
 """Sine of the angle by which a face may be beyond the plane through both edges: flush faces are in
-that plane, and the diagonals of those that bend are edges, whether they are ridges or not yet."""
+that plane."""
+BENT = 0.1
+"""Sine of the bend of a long edge between triangles that are coplanar at rest, from which it is a
+ridge: where flush faces bend less, their other edges carry all the same."""
 AT_END = 1e-3
 """Distance of a contact from the ends of its edges, in RMS radii, at least: vertices touch there,
 and where a body slides from one to the next of equal height, its edges must not catch."""
@@ -100,6 +103,8 @@ def find_edge_contacts(
             edge = surfaces.edges[of_one['first_edge'] + number]
             if not is_in_box(one, edge, x, least, largest):
                 continue
+            if number >= of_one['sharp_edges'] and not is_ridge(one, edge, x):
+                continue
             for place in near[:count]:
                 other = surfaces.edges[place]
                 inside, s, t, normal, gap = closest_points(one, edge, two, other, x)
@@ -141,10 +146,24 @@ def edges_in_box(body, surface, edges, x, low, high, near):  # type: ignore[no-u
     count, first = 0, surface['first_edge']
     number = surface['sharp_edges'] if body['mode'] == RIGID else surface['edges']
     for place in range(first, first + number):
-        if is_in_box(body, edges[place], x, low, high):
+        if not is_in_box(body, edges[place], x, low, high):
+            continue
+        if place - first < surface['sharp_edges'] or is_ridge(body, edges[place], x):
             near[count] = place
             count += 1
     return count
+
+
+@helper
+def is_ridge(body: np.void, edge: np.ndarray, x: np.ndarray) -> bool:
+    """Return whether deformation has bent an edge to be sharp that is not at rest."""
+    half = 1 - body['now']
+    start = corner_at(x, half, body, edge, 0)
+    way = minus(corner_at(x, half, body, edge, 1), start)
+    normal = cross(way, minus(corner_at(x, half, body, edge, 2), start))
+    offset = minus(corner_at(x, half, body, edge, 3), start)
+    height, distance = dot(normal, offset), norm(cross(way, offset)) / max(norm(way), 1e-300)
+    return height < -BENT * distance * norm(normal)
 
 
 @helper
