@@ -201,7 +201,7 @@ def test_a_callback_that_fails_does_not_end_a_command(graph):
     [
         ('ball: {mesh: missing.stl}', 'ball.mesh file missing.stl does not exist: check the path'),
         ('ball: {mass: heavy}', "ball.mass is 'heavy': it must be a number"),
-        ('ball: {position: [0.0, 0, 1.5]}', 'Sequence should be of same type'),
+        ('ball: {position: [0.0, 0, 1.5]}', 'ball.position must be a list of one type'),
         # of the same kinds: the sentences are those of test_parameters and test_config
         *(
             pytest.param(*bad, marks=pytest.mark.slow)

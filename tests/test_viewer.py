@@ -470,7 +470,11 @@ def test_an_address_for_all_machines_is_said_as_one_that_opens(graph):
 
 @pytest.mark.parametrize('end', [signal.SIGINT, signal.SIGKILL])
 def test_the_node_brings_its_viewer_along(graph, end):
-    node = graph.process('--ros-args', '-p', 'ball.subdivisions:=1', '--viewer')
+    # no other test gets that port
+    port = str(browser_of_tests.free_port())
+    node = graph.process(
+        '--ros-args', '-p', 'ball.subdivisions:=1', '--', '--viewer', '--port', port
+    )
     lines = iter(node.stderr.readline, '')
     address = next(
         filter(None, (re.search(r'open (http://127\.0\.0\.1:\d+)', line) for line in lines))

@@ -206,7 +206,9 @@ def _value(node: yaml.Node, what: str) -> Any:
         scalar(item, what) if isinstance(item, yaml.ScalarNode) else None for item in node.value
     ]
     if len({type(item) for item in items}) > 1 or None in items:
-        raise ConfigError(f'{what} must be a list of one type, as ROS wants it: 0.0 beside 1.5')
+        raise ConfigError(
+            f'{what} must be a list of one type, as ROS wants it: such as 0.0, not 0, beside 1.5'
+        )
     return items or None
 
 
