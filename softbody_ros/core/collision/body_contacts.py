@@ -62,6 +62,7 @@ def find_body_contacts(
     Returns
     -------
     contacts : (j,) CONTACT
+        those of a pair one after the other, see `code_of_pair`
     candidates : int
         number of these
 
@@ -121,6 +122,7 @@ def find_contacts_of_pairs(
     Returns
     -------
     contacts : (j,) CONTACT
+        those of a pair one after the other, see `code_of_pair`
     candidates : int
         number of these
 
@@ -143,19 +145,38 @@ def find_contacts_of_pairs(
         if number <= len(candidates):
             break
         candidates = np.empty(number, CANDIDATE)
-    none = np.empty(0, CONTACT)
-    crossings = find_edge_contacts(bodies, chosen, shapes, surfaces, x, codes, low, high, none, 0)
-    contacts = np.empty(number + crossings, CONTACT)
+    contacts = np.empty(number, CONTACT)
     found = find_contacts(
         bodies, chosen, shapes, q, surfaces.surfaces, surfaces.faces, surfaces.piece_of_face,
         surfaces.normals, surfaces.origins, surfaces.trees, x, match_centre, match_posture,
         candidates[:number], contacts,
     )  # fmt: skip
-    if crossings > 0:
-        found = find_edge_contacts(
-            bodies, chosen, shapes, surfaces, x, codes, low, high, contacts, found
+    of_edges = find_edge_contacts(bodies, chosen, shapes, surfaces, x, codes, low, high)
+    return merged(contacts[:found], of_edges, len(chosen)), number
+
+
+@helper
+def merged(of_faces: np.ndarray, of_edges: np.ndarray, count: int) -> np.ndarray:
+    """Return contacts of both kinds, those of a pair of bodies one after the other."""
+    if len(of_edges) == 0:
+        return of_faces
+    contacts, k = np.empty(len(of_faces) + len(of_edges), CONTACT), 0
+    for place in range(len(contacts)):
+        j = place - k
+        is_of_face = j == len(of_edges) or (
+            k < len(of_faces)
+            and code_of_pair(of_faces[k], count) <= code_of_pair(of_edges[j], count)
         )
-    return contacts[:found], number
+        contacts[place] = of_faces[k] if is_of_face else of_edges[j]
+        k += is_of_face
+    return contacts
+
+
+@helper
+def code_of_pair(contact: np.void, count: int) -> int:
+    """Return the code of the pair of a contact, as `overlapping_codes`; of points the largest."""
+    one, two = contact['body'], contact['other']
+    return count * min(one, two) + max(one, two) if one < count else count * count
 
 
 @helper

@@ -15,7 +15,7 @@ import numpy as np
 
 from softbody_ros.core.body import RIGID
 from softbody_ros.core.collision.collision_surface import SurfaceArrays
-from softbody_ros.core.collision.narrow_phase import particle_at
+from softbody_ros.core.collision.narrow_phase import CONTACT, particle_at
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
     Vector,
@@ -52,11 +52,9 @@ def find_edge_contacts(
     codes: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    contacts: np.ndarray,
-    found: int,
-) -> int:
+) -> np.ndarray:
     """
-    Write the contacts of edges with each other; return their number, even beyond capacity.
+    Find the contacts of edges with each other.
 
     Parameters
     ----------
@@ -72,63 +70,69 @@ def find_edge_contacts(
         pairs of bodies, as `overlapping_codes`
     low, high : (c, 3) float
         boxes of bodies with their reach, m
-    contacts : (j,) CONTACT
-        written
-    found : int
-        number of contacts before
+
+    Returns
+    -------
+    (c,) CONTACT
+        those of a pair one after the other, in the order of `codes`
 
     """
-    most = 0
+    contacts, found, most = np.empty(0, CONTACT), 0, 0
     for index in chosen:
         most = max(most, surfaces.surfaces[bodies[index]['shape']]['edges'])
     if most == 0:
-        return found
-    near = np.empty(most, np.int64)
+        return contacts
+    near_one, near_two = np.empty(most, np.int64), np.empty(most, np.int64)
     for code in codes:
         first, second = code // len(chosen), code % len(chosen)
         one, two = bodies[chosen[first]], bodies[chosen[second]]
         of_one, of_two = surfaces.surfaces[one['shape']], surfaces.surfaces[two['shape']]
         if first == second or of_one['edges'] == 0 or of_two['edges'] == 0:
             continue
-        own = of_one['sharp_edges'] if one['mode'] == RIGID else of_one['edges']
         # boxes include the reach of their own bodies only
         least, largest = enlarged_box(low[first], high[first], two['reach'])
-        count = edges_in_box(two, of_two, surfaces.edges, x, least, largest, near)
-        if count == 0:
+        count_two = edges_in_box(two, of_two, surfaces.edges, x, least, largest, near_two)
+        if count_two == 0:
             continue
-        scale = min(shapes[one['shape']]['scale'], shapes[two['shape']]['scale'])
-        deepest = min(of_one['thinness'], of_two['thinness'])
         least, largest = enlarged_box(low[second], high[second], one['reach'])
-        for number in range(own):
-            edge = surfaces.edges[of_one['first_edge'] + number]
-            if not is_in_box(one, edge, x, least, largest):
-                continue
-            if number >= of_one['sharp_edges'] and not is_ridge(one, edge, x):
-                continue
-            for place in near[:count]:
-                other = surfaces.edges[place]
+        count_one = edges_in_box(one, of_one, surfaces.edges, x, least, largest, near_one)
+        scale = min(shapes[one['shape']]['scale'], shapes[two['shape']]['scale'])
+        deepest, reach = min(of_one['thinness'], of_two['thinness']), one['reach'] + two['reach']
+        for place in near_one[:count_one]:
+            edge, number = surfaces.edges[place], place - of_one['first_edge']
+            for place_two in near_two[:count_two]:
+                other = surfaces.edges[place_two]
                 inside, s, t, normal, gap = closest_points(one, edge, two, other, x)
-                if inside < AT_END * scale or gap >= one['reach'] + two['reach']:
+                if inside < AT_END * scale or gap >= reach:
                     continue
                 before = gap_before(one, edge, s, two, other, t, normal, x)
                 # what overlaps by more than the ends of the edges do gets out past these
                 if before < -deepest or (gap < -inside and before < 0.0):
                     continue
-                if found < len(contacts):
-                    contact = contacts[found]
-                    contact['body'], contact['other'] = first, second
-                    contact['edges'] = number * of_two['edges'] + place - of_two['first_edge']
-                    for end in range(2):
-                        contact['particles'][end] = one['first'] + edge[end]
-                        contact['particles'][2 + end] = two['first'] + other[end]
-                    contact['coefficients'][0], contact['coefficients'][1] = 1.0 - s, s
-                    contact['coefficients'][2], contact['coefficients'][3] = t - 1.0, -t
-                    point = point_on(x, 1 - one['now'], one, edge, s)
-                    put_vector(contact['point'], along(point, -0.5 * gap, normal))
-                    put_vector(contact['normal'], normal)
-                    contact['depth'] = one['reach'] + two['reach'] - gap
+                if found == len(contacts):
+                    contacts = with_room(contacts)
+                contact = contacts[found]
+                contact['body'], contact['other'] = first, second
+                contact['edges'] = number * of_two['edges'] + place_two - of_two['first_edge']
+                for end in range(2):
+                    contact['particles'][end] = one['first'] + edge[end]
+                    contact['particles'][2 + end] = two['first'] + other[end]
+                contact['coefficients'][0], contact['coefficients'][1] = 1.0 - s, s
+                contact['coefficients'][2], contact['coefficients'][3] = t - 1.0, -t
+                point = point_on(x, 1 - one['now'], one, edge, s)
+                put_vector(contact['point'], along(point, -0.5 * gap, normal))
+                put_vector(contact['normal'], normal)
+                contact['depth'] = reach - gap
                 found += 1
-    return found
+    return contacts[:found]
+
+
+@helper
+def with_room(contacts: np.ndarray) -> np.ndarray:
+    """Return the same contacts, with room for as many more."""
+    result = np.empty(max(2 * len(contacts), 8), CONTACT)
+    result[: len(contacts)] = contacts
+    return result
 
 
 @helper

@@ -149,13 +149,7 @@ def find_contacts(
                     break
                 if owner == other and are_neighbours(shape, surface, q, corners, particle):
                     break
-            begin = body['first']
-            height, normal, barycentric = project_on_triangle(
-                point,
-                particle_at(x, half, begin + corners[0]),
-                particle_at(x, half, begin + corners[1]),
-                particle_at(x, half, begin + corners[2]),
-            )
+            height, normal, barycentric = height_over_face(point, x, half, body, corners)
             # a face that has collapsed to a line has no normal
             touches = height < reach and dot(normal, normal) > 0.5
             passing = (
@@ -178,12 +172,7 @@ def find_contacts(
                     row, _, _, _ = closest_face(trees, surface['tree'], entry, np.inf)
                     face = trees[2][row]['index']
                     corners = faces[surface['first_face'] + face]
-                    height, normal, barycentric = project_on_triangle(
-                        point,
-                        particle_at(x, half, begin + corners[0]),
-                        particle_at(x, half, begin + corners[1]),
-                        particle_at(x, half, begin + corners[2]),
-                    )
+                    height, normal, barycentric = height_over_face(point, x, half, body, corners)
                     touches = height < reach and dot(normal, normal) > 0.5
         if not touches:
             continue
@@ -265,6 +254,20 @@ def are_neighbours(shape, surface, q, corners, particle):  # type: ignore[no-unt
         gap = row[first + particle] - (a + b + c) / 3.0
         square += gap * gap
     return not math.sqrt(square) > surface['neighbours']
+
+
+@helper
+def height_over_face(
+    point: Vector, x: np.ndarray, half: int, body: np.void, corners: np.ndarray
+) -> tuple[float, Vector, Vector]:
+    """Return what `project_on_triangle` does, for a face of a body with these corners."""
+    first = body['first']
+    return project_on_triangle(
+        point,
+        particle_at(x, half, first + corners[0]),
+        particle_at(x, half, first + corners[1]),
+        particle_at(x, half, first + corners[2]),
+    )
 
 
 @helper

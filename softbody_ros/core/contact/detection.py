@@ -14,6 +14,7 @@ import numpy as np
 
 from softbody_ros.core.collision.body_contacts import (
     bound_all,
+    code_of_pair,
     find_body_contacts,
     find_contacts_of_pairs,
 )
@@ -177,30 +178,15 @@ def find_rows(
 
 
 @helper
-def in_order_of_pairs(contacts: np.ndarray, count: int) -> np.ndarray:
-    """Return the order (c,) int of contacts in which those of a pair of members are together."""
-    codes = np.empty(len(contacts), np.int64)
-    for place in range(len(contacts)):
-        contact = contacts[place]
-        one, two = contact['body'], contact['other']
-        codes[place] = count * min(one, two) + max(one, two) if one < count else count * count
-    return np.argsort(codes, kind='mergesort')
-
-
-@helper
 def pairs_of(contacts: np.ndarray, count: int) -> np.ndarray:
-    """Return the pairs of bodies of contacts, in order."""
+    """Return the pairs of bodies of contacts, in their order."""
     codes, found = np.empty(len(contacts), np.int64), 0
     for contact in contacts:
-        one, two = contact['body'], contact['other']
-        code = count * min(one, two) + max(one, two)
-        if one < count and (found == 0 or code != codes[found - 1]):
+        code = code_of_pair(contact, count)
+        if contact['body'] < count and (found == 0 or code != codes[found - 1]):
             codes[found] = code
             found += 1
-    # those of edges follow all others
-    codes = codes[:found]
-    codes.sort()
-    return codes
+    return codes[:found]
 
 
 @kernel
@@ -592,8 +578,7 @@ def find_face_rows(
 
     """
     first = found
-    for place in in_order_of_pairs(contacts, len(members)):
-        contact = contacts[place]
+    for contact in contacts:
         if not may_yield(contact, members, is_pinned):
             continue
         if found < len(rows):
