@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from python_processes import WITHOUT_NUMBA, begun, finished, printed
 
-from softbody_ros.core import compiled
+from softbody_ros.core import BodyConfig, World, WorldConfig, compiled
 from softbody_ros.core.compiled import kernel
 
 pytestmark = pytest.mark.oldest
@@ -243,6 +243,66 @@ def test_a_helper_becomes_machine_code_only_as_a_part_of_kernels():
     machine_code = whole.library._codegen._engine
     assert machine_code.is_symbol_defined(whole.fndesc.mangled_name)
     assert not machine_code.is_symbol_defined(part.fndesc.mangled_name)
+
+
+@pytest.mark.skipif(not compiled.is_compiled(), reason='nothing is compiled')
+def test_only_helpers_that_make_or_return_arrays_count_references():
+    @compiled.helper
+    def last_of(pair):
+        total = 0.0
+        for array in pair:
+            rest = array[1:]
+            total += rest[len(rest) - 1]
+        return total
+
+    @compiled.helper
+    def rest_of(array):
+        return array[1:]
+
+    @compiled.helper
+    def sum_of_counted(count):
+        return np.arange(count).sum()
+
+    @compiled.helper
+    def sum_of_chosen(array, places):
+        return array[places].sum()
+
+    @kernel
+    def total(x, y, places):
+        rest = rest_of(x)
+        return last_of((rest, y)) + sum_of_counted(4) + sum_of_chosen(y, places)
+
+    assert total(np.arange(5.0), np.arange(3.0), np.array([0, 2])) == 4.0 + 2.0 + 6.0 + 2.0
+    counts = {
+        function.__name__: part.target_context.enable_nrt
+        for function in (last_of, rest_of, sum_of_counted, sum_of_chosen)
+        for part in function.overloads.values()
+    }
+    assert counts == {
+        'last_of': False, 'rest_of': True, 'sum_of_counted': True, 'sum_of_chosen': True,
+    }  # fmt: skip
+
+
+@pytest.mark.skipif(not compiled.is_compiled(), reason='nothing is compiled')
+def test_ticks_free_all_memory_that_they_take():
+    from numba.core.runtime import _nrt_python, rtsys
+
+    modes = 'rigid', 'linear', 'quadratic', 'rigid'
+    bodies = tuple(
+        BodyConfig(name=f'body{i}', mesh='box', mode=mode, size=0.4, position=(0.1 * i, 0.0, z))
+        for i, (mode, z) in enumerate(zip(modes, (0.3, 0.7, 1.1, 1.5), strict=True))
+    )
+    world = World(WorldConfig(time_step=1 / 60, bodies=bodies))
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        world.step(60)
+        held = 1  # the contacts that are remembered
+        after = rtsys.get_allocation_stats()
+        assert after.alloc - before.alloc > 60
+        assert after.alloc - before.alloc == after.free - before.free + held
+    finally:
+        _nrt_python.memsys_disable_stats()
 
 
 # --------------------------------------------------------------------------- ahead of a start

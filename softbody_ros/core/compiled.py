@@ -38,7 +38,16 @@ OLDEST = (0, 59)
 """Of Numba: the first one that knows Python 3.12."""
 try:
     import numba
-    from numba.core import caching, codegen, compiler, event, serialize
+    from numba.core import (
+        caching,
+        codegen,
+        compiler,
+        compiler_machinery,
+        event,
+        ir,
+        serialize,
+        typed_passes,
+    )
     from numba.core.registry import cpu_target
 
     if numba.version_info.short < OLDEST:
@@ -52,12 +61,18 @@ except Exception as error:
 _NullCache: Any = object if numba is None else caching.NullCache
 _Library: Any = object if numba is None else codegen.JITCodeLibrary
 _Compiler: Any = object if numba is None else compiler.Compiler
+_Pass: Any = object if numba is None else compiler_machinery.AnalysisPass
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 OPTIONS = {'error_model': 'numpy', 'nogil': True, 'fastmath': False, 'no_cfunc_wrapper': True}
 """Strict sums: the bits depend neither on the number of threads nor on the processor."""
 HELPER_OPTIONS = OPTIONS | {'no_cpython_wrapper': True}
 """What only kernels call can do without what Python calls: that saves a third of the time."""
+BORROWING = frozenset(
+    ('getattr', 'static_getitem', 'build_tuple', 'exhaust_iter', 'cast', 'phi', 'getiter',
+     'iternext', 'pair_first', 'pair_second')
+)  # fmt: skip
+"""Expressions of Numba's that are a part of an array or tuple, if anything."""
 FLAGS = (
     'OPT',
     'LOOP_VECTORIZE',
@@ -112,6 +127,63 @@ class _HelperCompiler(_Compiler):
 
     def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
         super().__init__(typing, target, library or _Part(target.codegen(), 'helper'), *others)
+
+    def define_pipelines(self) -> Any:
+        """Return how a helper is compiled: as usual, but for the counting of references."""
+        (steps,) = super().define_pipelines()
+        steps.add_pass_after(_Borrow, typed_passes.IRLegalization)
+        steps.finalize()
+        return [steps]
+
+
+class _Borrow(_Pass):
+    """
+    Lets a helper that neither makes nor returns arrays use those of its caller without counting.
+
+    Numba counts the references to each array that a function is given, and to each one of a tuple
+    of arrays, by atomic operations of the processor. Those were a tenth of a tick. The caller
+    keeps its arrays as long as the helper runs.
+    """
+
+    _name = 'borrow'
+
+    def __init__(self) -> None:
+        pass  # abstract in Numba
+
+    def run_pass(self, state: Any) -> bool:
+        """Compile what follows without counting if it may be so."""
+        if not _owns_arrays(state):
+            state.targetctx = state.targetctx.subtarget(enable_nrt=False)
+        return False
+
+
+if numba is not None:
+    compiler_machinery.register_pass(mutates_CFG=False, analysis_only=True)(_Borrow)
+
+
+def _owns_arrays(state: Any) -> bool:
+    """Return whether a function of known types makes, gets or returns references of its own."""
+
+    def is_counted(kind: Any) -> bool:
+        return bool(state.targetctx.data_model_manager[kind].contains_nrt_meminfo())
+
+    def borrows(value: Any) -> bool:
+        if not isinstance(value, ir.Expr):
+            return True  # an argument, or another name
+        if value.op == 'getitem':
+            return not is_counted(state.typemap[value.index.name])
+        if value.op != 'call':
+            return value.op in BORROWING
+        function = state.typemap[value.func.name]
+        if isinstance(function, numba.types.BoundFunction):
+            return bool(function.typing_key == 'array.view')
+        return isinstance(function, numba.types.NamedTupleClass)
+
+    return is_counted(state.return_type) or any(
+        is_counted(state.typemap[assignment.target.name]) and not borrows(assignment.value)
+        for block in state.func_ir.blocks.values()
+        for assignment in block.find_insts(ir.Assign)
+    )
 
 
 class _Part(_Library):
