@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bodies whose contacts are as they were: they look for others nearby only, until that changes."""
 
+import sys
+
 from core_helpers import body
 import numpy as np
 import pytest
 
-from softbody_ros.core import ObstacleConfig, World, WorldConfig
+from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig, step
+from softbody_ros.core.contact import workspace
+from softbody_ros.core.contact.rows import MEMORY
 
 H = 1 / 240
 GROUND = ObstacleConfig(name='ground')
@@ -96,9 +100,74 @@ def test_a_steady_body_meets_what_comes_fast():
 
 def test_memory_for_contacts_is_that_of_the_tick_before():
     world = resting('linear')
-    workspace = world._integrator._workspace
+    before = world._integrator._workspace
     _, rows = members(world)
-    assert np.shares_memory(rows, workspace.found)
+    assert np.shares_memory(rows, before.found)
     world._state.still_samples[:] = 0
     world.step(12)
-    assert world._integrator._workspace is workspace
+    assert world._integrator._workspace is before
+
+
+def test_a_tick_is_the_same_however_much_room_there_was_for_its_contacts(monkeypatch):
+    find_rows, contacts = step.find_rows, []
+
+    def counted(*arguments):
+        found = find_rows(*arguments)
+        contacts.append(found[0])
+        return found
+
+    monkeypatch.setattr(step, 'find_rows', counted)
+    turns = np.random.default_rng(1).normal(size=(4, 4))
+    boxes = [
+        BodyConfig(
+            name=f'box{i}', mesh='box', subdivisions=0, size=0.2,
+            orientation=turn / np.linalg.norm(turn), position=(0.05 * i, 0.03 * i, 0.3 + 0.2 * i),
+        )
+        for i, turn in enumerate(turns)
+    ]  # fmt: skip
+    config = WorldConfig(time_step=1 / 60, bodies=tuple(boxes), obstacles=(GROUND,))
+    world, other = World(config), World(config)
+    for _ in range(40):
+        world.step()
+        # just enough for those that are left: of bodies inside each other some are left out
+        monkeypatch.setattr(workspace, 'AT_FIRST', (1, contacts[-1], 0, 0, 0, 0, 1))
+        other._integrator._workspace = workspace.new_workspace()
+        other.step()
+        for name in world.names:
+            assert (world.positions(name) == other.positions(name)).all()
+
+
+def test_kernels_are_given_the_very_dtypes_of_their_records(monkeypatch):
+    # equal ones are compared at each call, field by field
+    given = []
+
+    def noted(arguments):
+        for argument in arguments:
+            if isinstance(argument, tuple):
+                noted(argument)
+            elif isinstance(argument, np.ndarray) and argument.dtype.names:
+                given.append(argument.dtype)
+
+    def watch(name):
+        kernel = getattr(step, name)
+
+        def watched(*arguments):
+            noted(arguments)
+            return kernel(*arguments)
+
+        monkeypatch.setattr(step, name, watched)
+
+    for name in ('find_rows', 'resolve', 'accept'):
+        watch(name)
+    obstacle = ObstacleConfig(name='wall', type='mesh', mesh='box', position=(0.0, 0.0, -0.5))
+    other = BodyConfig(name='other', mode='rigid', position=(0.0, 0.0, 2.0))
+    world = World(WorldConfig(bodies=(body(), other), obstacles=(obstacle,)))
+    world.step(60)
+    records = {
+        id(value)
+        for module in tuple(sys.modules.values())
+        if getattr(module, '__name__', '').startswith('softbody_ros.')
+        for value in vars(module).values()
+        if isinstance(value, np.dtype)
+    }
+    assert {kind.names for kind in given if id(kind) not in records} <= {MEMORY.names}

@@ -182,7 +182,7 @@ class ShapeTable:
                 records[-1]['first'] += first_member
                 first_member += len(regions.particle)
         divided = [regions for regions in self.regions_of if regions is not None]
-        self.regions = np.concatenate(records)
+        self.regions = np.concatenate(records, dtype=REGION)  # just this one, see `bvh.pack`
         self.weights = np.concatenate([np.zeros(0), *(rest.weights for rest in self.rests)])
         self.q = _side_by_side(3, [rest.q for rest in self.rests])
         faces = [rest.surface.faces.astype(np.int32) for rest in self.rests]

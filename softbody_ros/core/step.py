@@ -22,7 +22,7 @@ from softbody_ros.core.contact.exchange import (
     forget_exchange,
 )
 from softbody_ros.core.contact.resolution import resolve
-from softbody_ros.core.contact.workspace import enlarged, new_workspace
+from softbody_ros.core.contact.workspace import MEMBERS, Workspace, enlarged, new_workspace
 from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.shape_matching import goal_flight, modal_flight, pins
 from softbody_ros.core.state import Body, State
@@ -190,18 +190,28 @@ class Integrator:
         self, chosen: np.ndarray, environment: Environment, h: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Find all contacts of bodies (m,): see `detection.find_rows`."""
-        state, sets = self._state, environment.sets
+        state, sets, count = self._state, environment.sets, len(chosen)
         others = self._any_pairs or len(sets) > 0
-        needed = self._workspace.needed.tobytes()
-        if needed != self._needed:
-            self._workspace, self._needed = enlarged(self._workspace), needed
-        return find_rows(
+        workspace = self._workspace_for(count)
+        found, more, met = find_rows(
             state.bodies, chosen, state.shapes, state.weights, state.q, state.x, state.v,
             self._flown, state.match_centre, state.match_posture, environment.records,
             environment.trees, environment.surfaces.arrays if others else NO_SURFACES,
             environment.points, sets, h, others, state.contact_memory, state.reaction,
-            state.is_pinned, self._workspace,
+            state.is_pinned, workspace,
         )  # fmt: skip
+        rows = more if len(more) else workspace.found[:found]
+        return workspace.members[:count], rows, met
+
+    def _workspace_for(self, members: int) -> Workspace:
+        """Return the workspace, as large as was needed so far, with room for members."""
+        needed, is_short = self._workspace.needed, members > len(self._workspace.members)
+        if is_short:
+            needed[MEMBERS] = members
+        known = needed.tobytes()
+        if is_short or known != self._needed:
+            self._workspace, self._needed = enlarged(self._workspace), known
+        return self._workspace
 
     def _misses(self, chosen: np.ndarray, environment: Environment, met: np.ndarray) -> bool:
         """Return whether bodies (m,) are within others that they had not met before."""

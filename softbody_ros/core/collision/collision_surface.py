@@ -298,7 +298,9 @@ class CollisionSurfaces:
             if surface.closed:
                 record['tree'] = len(trees)
                 trees.append(surface.tree)
-        joined = {name: np.concatenate(columns[name]) for name in columns}
+        joined = {
+            name: np.concatenate(arrays, dtype=arrays[0].dtype) for name, arrays in columns.items()
+        }
         return SurfaceArrays(surfaces, trees=pack(trees), **joined)
 
 

@@ -35,6 +35,7 @@ from softbody_ros.core.contact.rows import (
     ROW,
     complete_row,
     concerns,
+    copy_record,
     put_face_row,
     put_obstacle_row,
     recall,
@@ -91,9 +92,9 @@ def find_rows(
     reaction: np.ndarray,
     is_pinned: np.ndarray,
     workspace: Workspace,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[int, np.ndarray, np.ndarray]:
     """
-    Find all contacts of bodies after their flight.
+    Find all contacts of bodies after their flight, and write them to the workspace.
 
     Parameters
     ----------
@@ -128,24 +129,26 @@ def find_rows(
     is_pinned : (N,) bool
         particles that pins hold against any force: they touch no obstacles
     workspace : Workspace
+        `members` and `found` are written
 
     Returns
     -------
-    members : (m,) MEMBER
-    rows : (k,) ROW
-        mostly in the workspace
+    found : int
+        number of contacts
+    more : (k,) ROW
+        all of these if there was no room for them in the workspace, or none
     met : (p,) int
         pairs of members that have contacts, as increasing codes: m times one plus another
 
     """
-    members, most = np.zeros(len(chosen), MEMBER), 0
+    members, most = workspace.members[: len(chosen)], 0
     begin_members(
         bodies, chosen, shapes, x, v, flown, obstacles, h, others, len(memory) > 0, reaction,
         members,
     )  # fmt: skip
     for number in chosen:
         most = max(most, bodies[number]['count'])
-    near, rows = np.empty(most, CONTACT), workspace.found
+    near, rows, more = np.empty(most, CONTACT), workspace.found, np.empty(0, ROW)
     contacts, found, searches = np.empty(0, FACE_CONTACT), 0, 0
     needed = workspace.needed
     while searches < PASSES:
@@ -168,13 +171,13 @@ def find_rows(
             )  # fmt: skip
         if found > len(rows):
             needed[FOUND] = 2 * found
-            rows = np.empty(needed[FOUND], ROW)
+            rows = more = np.empty(needed[FOUND], ROW)
             continue
         found = part_overlaps(bodies, members, rows[:found], memory, h)
         searches += 1
         if not confirm_steady(bodies, members, rows[:found], memory, searches > 1):
             break
-    return members, rows[:found], pairs_of(contacts, len(members))
+    return found, more[:found], pairs_of(contacts, len(members))
 
 
 @helper
@@ -274,8 +277,10 @@ def begin_members(
         see `find_rows`
 
     """
+    nothing = np.zeros(1, MEMBER)
     for number in range(len(chosen)):
         body, member = bodies[chosen[number]], members[number]
+        copy_record(members, number, nothing, 0)
         shape, now = shapes[body['shape']], body['now']
         scale = shape['scale']
         put_member(member, body, shape, chosen[number], h)

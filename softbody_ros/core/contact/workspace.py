@@ -4,7 +4,9 @@
 Memory for contacts, kept from tick to tick.
 
 In a heap it is tens of megabytes. Freed after each tick they go back to the operating system, and
-to get them again, page by page, takes a fifth of the time of a tick.
+to get them again, page by page, takes a fifth of the time of a tick. And what Python passes from
+one kernel to the next is part of an array that Python made: a returned one has a dtype of its own,
+which is compared field by field when it is passed on: a tenth of the tick of a body at rest.
 """
 
 from __future__ import annotations
@@ -14,24 +16,30 @@ from typing import NamedTuple
 import numpy as np
 
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.contact.members import PARTICLE
+from softbody_ros.core.contact.members import MEMBER, PARTICLE
 from softbody_ros.core.contact.rows import ROW
 from softbody_ros.core.contact.working_set import OPEN, SPARE
 
-FOUND, OWN, PARTICLES, WAITING, JACOBIAN, CANDIDATES = range(6)
+MEMBERS, FOUND, OWN, PARTICLES, WAITING, JACOBIAN, CANDIDATES = range(7)
 """Places in `Workspace.needed`."""
-AT_FIRST = 64, 0, 0, 0, 0, 256
+AT_FIRST = 1, 64, 0, 0, 0, 0, 256
 """Lengths for a body at rest."""
 CORNERS = 4
 """Particles at a contact, at most."""
 
 
 class Workspace(NamedTuple):
-    """Arrays of any content. What needs more than one of them gets another one, this once."""
+    """
+    Arrays of any content.
+
+    There is room for all members. What needs more than another one gets a new one, this once.
+    """
 
     needed: np.ndarray
-    """(6,) int, written: lengths of the arrays that were needed so far, and the number of
+    """(7,) int, written: lengths of the arrays that were needed so far, and the number of
     candidates of pairs, for which there is no array here"""
+    members: np.ndarray
+    """(m,) MEMBER, all bodies that may be in contact"""
     found: np.ndarray
     """(k,) ROW, all contacts"""
     own: np.ndarray
@@ -46,8 +54,8 @@ class Workspace(NamedTuple):
 
 def new_workspace() -> Workspace:
     """Return a workspace for a body at rest."""
-    rows, particles, waiting = np.empty(0, ROW), np.empty(0, PARTICLE), np.empty(0, OPEN)
-    return enlarged(Workspace(np.array(AT_FIRST), rows, rows, particles, waiting, np.empty(0)))
+    kinds = MEMBER, ROW, ROW, PARTICLE, OPEN, np.dtype(float)
+    return enlarged(Workspace(np.array(AT_FIRST), *(np.empty(0, kind) for kind in kinds)))
 
 
 def enlarged(workspace: Workspace) -> Workspace:
@@ -73,7 +81,9 @@ def for_islands(workspace: Workspace, contacts: int) -> Workspace:
         needed[OWN], own = rows, np.empty(rows, ROW)
     if CORNERS * rows > len(particles):
         needed[PARTICLES], particles = CORNERS * rows, np.empty(CORNERS * rows, PARTICLE)
-    return Workspace(needed, workspace.found, own, particles, waiting, workspace.jacobian)
+    return Workspace(
+        needed, workspace.members, workspace.found, own, particles, waiting, workspace.jacobian
+    )
 
 
 @helper

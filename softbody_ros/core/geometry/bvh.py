@@ -545,9 +545,10 @@ def _cached(content: _Content) -> SurfaceTree:
 
 def pack(trees: Sequence[SurfaceTree]) -> Trees:
     """Return the arrays of several trees, in this order, for kernels."""
-    headers = np.concatenate([np.zeros(0, TREE), *(tree.header for tree in trees)])
+    # with just these dtypes, as kernels compare others to them each time, field by field
+    headers = np.concatenate([np.zeros(0, TREE), *(tree.header for tree in trees)], dtype=TREE)
     headers['first_node'] = np.cumsum([0, *(len(tree.nodes) for tree in trees)])[:-1]
     headers['first_face'] = np.cumsum([0, *(len(tree.faces) for tree in trees)])[:-1]
-    nodes = np.concatenate([np.zeros(0, NODE), *(tree.nodes for tree in trees)])
-    faces = np.concatenate([np.zeros(0, FACE), *(tree.faces for tree in trees)])
+    nodes = np.concatenate([np.zeros(0, NODE), *(tree.nodes for tree in trees)], dtype=NODE)
+    faces = np.concatenate([np.zeros(0, FACE), *(tree.faces for tree in trees)], dtype=FACE)
     return headers, nodes, faces
