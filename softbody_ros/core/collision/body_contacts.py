@@ -17,7 +17,7 @@ from softbody_ros.core.collision.broad_phase import (
     find_particles,
     find_points,
 )
-from softbody_ros.core.collision.collision_surface import SurfaceArrays
+from softbody_ros.core.collision.colliders import Bounds, Colliders
 from softbody_ros.core.collision.edge_contacts import find_edge_contacts
 from softbody_ros.core.collision.narrow_phase import CONTACT, find_contacts
 from softbody_ros.core.compiled import helper
@@ -26,34 +26,14 @@ from softbody_ros.core.geometry.bounding_boxes import bound_body, overlapping_co
 
 @helper
 def find_body_contacts(
-    bodies: np.ndarray,
-    chosen: np.ndarray,
-    shapes: np.ndarray,
-    q: np.ndarray,
-    x: np.ndarray,
-    match_centre: np.ndarray,
-    match_posture: np.ndarray,
-    surfaces: SurfaceArrays,
-    points: np.ndarray,
-    sets: np.ndarray,
-    capacity: int,
+    colliders: Colliders, points: np.ndarray, sets: np.ndarray, capacity: int
 ) -> tuple[np.ndarray, int]:
     """
     Find the contacts of bodies with each other, with themselves and with points.
 
     Parameters
     ----------
-    bodies : (B,) BODY
-        with their `reach`
-    chosen : (c,) int
-        which of them
-    shapes : (R,) SHAPE
-    q : (3, M) float
-    x : (2, 3, N) float
-        m
-    match_centre, match_posture
-        see `narrow_phase.find_contacts`
-    surfaces : SurfaceArrays
+    colliders : Colliders
     points, sets : (k, 3) float, (s,) POINT_SET
         points that no force moves, see `broad_phase.find_points`
     capacity : int
@@ -67,44 +47,31 @@ def find_body_contacts(
         number of these
 
     """
-    low, high, margin = bound_all(bodies, chosen, shapes, x)
-    codes = pairs_to_search(bodies, chosen, low, high)
-    return find_contacts_of_pairs(
-        bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, codes, points, sets,
-        low, high, margin, capacity,
-    )  # fmt: skip
+    bodies, chosen = colliders.bodies, colliders.chosen
+    bounds = bound_all(bodies, chosen, colliders.shapes, colliders.x)
+    codes = pairs_to_search(bodies, chosen, bounds.low, bounds.high)
+    return find_contacts_of_pairs(colliders, codes, bounds, points, sets, capacity)
 
 
 @helper
-def bound_all(
-    bodies: np.ndarray, chosen: np.ndarray, shapes: np.ndarray, x: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the boxes of bodies with their reach: corners (c, 3), m, and that margin (c,), m."""
+def bound_all(bodies: np.ndarray, chosen: np.ndarray, shapes: np.ndarray, x: np.ndarray) -> Bounds:
+    """Return the boxes of bodies, see `Colliders`, with their reach."""
     count = len(chosen)
     low, high, margin = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     for place in range(count):
         body = bodies[chosen[place]]
         margin[place] = body['reach'] + SLACK * shapes[body['shape']]['scale']
         bound_body(body, x[1 - body['now']], margin[place], low[place], high[place])
-    return low, high, margin
+    return Bounds(low, high, margin)
 
 
 @helper
 def find_contacts_of_pairs(
-    bodies: np.ndarray,
-    chosen: np.ndarray,
-    shapes: np.ndarray,
-    q: np.ndarray,
-    x: np.ndarray,
-    match_centre: np.ndarray,
-    match_posture: np.ndarray,
-    surfaces: SurfaceArrays,
+    colliders: Colliders,
     codes: np.ndarray,
+    bounds: Bounds,
     points: np.ndarray,
     sets: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    margin: np.ndarray,
     capacity: int,
 ) -> tuple[np.ndarray, int]:
     """
@@ -114,9 +81,8 @@ def find_contacts_of_pairs(
     ----------
     codes : (p,) int
         pairs, see `broad_phase.find_particles`
-    low, high, margin
-        see `bound_all`
-    bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, points, sets, capacity
+    bounds : Bounds
+    colliders, points, sets, capacity
         see `find_body_contacts`
 
     Returns
@@ -129,30 +95,18 @@ def find_contacts_of_pairs(
     """
     if len(codes) == 0 and len(sets) == 0:
         return np.empty(0, CONTACT), 0
-    first, piece_low, piece_high = bound_pieces(
-        bodies, chosen, surfaces.surfaces, surfaces.pieces, surfaces.covered, x, margin, low, high
-    )
+    of_pieces = bound_pieces(colliders, bounds)
     candidates, number = np.empty(capacity, CANDIDATE), 0
     while True:
-        number = find_particles(
-            bodies, chosen, surfaces.surfaces, surfaces.pieces, surfaces.particles,
-            surfaces.may_collide, x, codes, low, high, first, piece_low, piece_high, candidates,
-        )  # fmt: skip
-        number = find_points(
-            bodies, chosen, shapes, x, points, sets, low, high, first, piece_low, piece_high,
-            number, candidates,
-        )  # fmt: skip
+        number = find_particles(colliders, codes, bounds, of_pieces, candidates)
+        number = find_points(colliders, points, sets, bounds, of_pieces, number, candidates)
         if number <= len(candidates):
             break
         candidates = np.empty(number, CANDIDATE)
     contacts = np.empty(number, CONTACT)
-    found = find_contacts(
-        bodies, chosen, shapes, q, surfaces.surfaces, surfaces.faces, surfaces.piece_of_face,
-        surfaces.normals, surfaces.origins, surfaces.trees, x, match_centre, match_posture,
-        candidates[:number], contacts,
-    )  # fmt: skip
-    of_edges = find_edge_contacts(bodies, chosen, shapes, surfaces, x, codes, low, high)
-    return merged(contacts[:found], of_edges, len(chosen)), number
+    found = find_contacts(colliders, candidates[:number], contacts)
+    of_edges = find_edge_contacts(colliders, codes, bounds)
+    return merged(contacts[:found], of_edges, len(colliders.chosen)), number
 
 
 @helper

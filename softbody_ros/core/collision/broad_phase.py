@@ -19,6 +19,7 @@ import itertools
 
 import numpy as np
 
+from softbody_ros.core.collision.colliders import Bounds, Colliders, PieceBounds
 from softbody_ros.core.collision.point_obstacles import first_beyond
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.bounding_boxes import overlap
@@ -61,50 +62,19 @@ CANDIDATE = np.dtype(
 
 
 @helper
-def bound_pieces(
-    bodies: np.ndarray,
-    awake: np.ndarray,
-    surfaces: np.ndarray,
-    pieces: np.ndarray,
-    covered: np.ndarray,
-    x: np.ndarray,
-    margin: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return the bounding boxes of the pieces of bodies.
-
-    Parameters
-    ----------
-    bodies : (B,) BODY
-    awake : (A,) int
-        which of them
-    surfaces, pieces, covered
-        see `SurfaceArrays`
-    x : (2, 3, N) float
-        m
-    margin : (A,) float
-        m
-    low, high : (A, 3) float
-        bounding boxes of the bodies, m, used for bodies of one piece
-
-    Returns
-    -------
-    first : (A + 1,) int
-        index of the first box of each body
-    piece_low, piece_high : (Q, 3) float
-        corners, m
-
-    """
-    first, box = np.empty(len(awake) + 1, np.int64), 0
-    for place in range(len(awake)):
+def bound_pieces(colliders: Colliders, bounds: Bounds) -> PieceBounds:
+    """Return the bounding boxes of the pieces of bodies: those of the bodies if these have one."""
+    bodies, chosen, surfaces = colliders.bodies, colliders.chosen, colliders.surfaces.surfaces
+    pieces, covered, x = colliders.surfaces.pieces, colliders.surfaces.covered, colliders.x
+    low, high, margin = bounds
+    first, box = np.empty(len(chosen) + 1, np.int64), 0
+    for place in range(len(chosen)):
         first[place] = box
-        box += surfaces[bodies[awake[place]]['shape']]['pieces']
-    first[len(awake)] = box
+        box += surfaces[bodies[chosen[place]]['shape']]['pieces']
+    first[len(chosen)] = box
     piece_low, piece_high, box = np.empty((box, 3)), np.empty((box, 3)), 0
-    for place in range(len(awake)):
-        body = bodies[awake[place]]
+    for place in range(len(chosen)):
+        body = bodies[chosen[place]]
         surface = surfaces[body['shape']]
         half, begin = 1 - body['now'], body['first']
         for number in range(surface['pieces']):
@@ -122,24 +92,15 @@ def bound_pieces(
                     least, largest = least - margin[place], largest + margin[place]
                 piece_low[box, axis], piece_high[box, axis] = least, largest
             box += 1
-    return first, piece_low, piece_high
+    return PieceBounds(first, piece_low, piece_high)
 
 
 @helper
 def find_particles(
-    bodies: np.ndarray,
-    awake: np.ndarray,
-    surfaces: np.ndarray,
-    pieces: np.ndarray,
-    particles: np.ndarray,
-    may_collide: np.ndarray,
-    x: np.ndarray,
+    colliders: Colliders,
     codes: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    first: np.ndarray,
-    piece_low: np.ndarray,
-    piece_high: np.ndarray,
+    bounds: Bounds,
+    of_pieces: PieceBounds,
     candidates: np.ndarray,
 ) -> int:
     """
@@ -147,13 +108,12 @@ def find_particles(
 
     Parameters
     ----------
+    colliders : Colliders
     codes : (p,) int
-        pairs of bodies whose boxes overlap, A times the first plus the second, in order
+        pairs of c bodies whose boxes overlap, c times the first plus the second, in order
+    bounds, of_pieces : Bounds, PieceBounds
     candidates : (q,) CANDIDATE
         written, up to its capacity
-    bodies, awake, surfaces, pieces, particles, may_collide, x, low, high, first, piece_low, \
-piece_high
-        see `bound_pieces`
 
     Returns
     -------
@@ -161,12 +121,15 @@ piece_high
         number of candidates, even beyond the capacity
 
     """
-    found = 0
+    bodies, chosen, surfaces = colliders.bodies, colliders.chosen, colliders.surfaces.surfaces
+    pieces, particles, x = colliders.surfaces.pieces, colliders.surfaces.particles, colliders.x
+    first, piece_low, piece_high = of_pieces
+    may_collide, found = colliders.surfaces.may_collide, 0
     for code in codes:
-        one, two = code // len(awake), code % len(awake)
-        surface = surfaces[bodies[awake[one]]['shape']]
+        one, two = code // len(chosen), code % len(chosen)
+        surface = surfaces[bodies[chosen[one]]['shape']]
         for a in range(first[one], first[one + 1]):
-            if not overlap(piece_low[a], piece_high[a], low[two], high[two]):
+            if not overlap(piece_low[a], piece_high[a], bounds.low[two], bounds.high[two]):
                 continue
             for b in range(first[two], first[two + 1]):
                 if one == two:
@@ -180,7 +143,7 @@ piece_high
                     owner, own, other, box = one, a, two, b
                     if side == 1:
                         owner, own, other, box = two, b, one, a
-                    body = bodies[awake[owner]]
+                    body = bodies[chosen[owner]]
                     first_piece = surfaces[body['shape']]['first_piece']
                     piece = pieces[first_piece + own - first[owner]]
                     # boxes include the reach of their own bodies only
@@ -190,7 +153,7 @@ piece_high
                         plus(vector_of(piece_low[own]), vector_of(piece_high[own])),
                         plus(vector_of(piece_low[box]), vector_of(piece_high[box])),
                     )
-                    limit, target = np.inf, bodies[awake[other]]
+                    limit, target = np.inf, bodies[chosen[other]]
                     if surfaces[target['shape']]['pieces'] == 1:
                         # beyond the convex hull nothing is inside
                         limit = extent_along(direction, target, x)
@@ -216,17 +179,11 @@ piece_high
 
 @helper
 def find_points(
-    bodies: np.ndarray,
-    awake: np.ndarray,
-    shapes: np.ndarray,
-    x: np.ndarray,
+    colliders: Colliders,
     points: np.ndarray,
     sets: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    first: np.ndarray,
-    piece_low: np.ndarray,
-    piece_high: np.ndarray,
+    bounds: Bounds,
+    of_pieces: PieceBounds,
     found: int,
     candidates: np.ndarray,
 ) -> int:
@@ -235,11 +192,10 @@ def find_points(
 
     Parameters
     ----------
-    shapes : (R,) SHAPE
     points : (k, 3) float
         of all sets, of each sorted along x, m
     sets : (s,) POINT_SET
-    bodies, awake, x, low, high, first, piece_low, piece_high, candidates
+    colliders, bounds, of_pieces, candidates
         see `find_particles`
 
     Returns
@@ -251,37 +207,37 @@ def find_points(
     first_point = found
     for number in range(len(sets)):
         found = append_points(
-            points, sets[number], len(awake) + number, bodies, awake, shapes, low, high, first,
-            piece_low, piece_high, found, candidates,
+            colliders, points, sets[number], len(colliders.chosen) + number, bounds, of_pieces,
+            found, candidates,
         )  # fmt: skip
     if first_point < found <= len(candidates):
-        return discard_distant(bodies, awake, shapes, x, first_point, found, candidates)
+        return discard_distant(
+            colliders.bodies, colliders.chosen, colliders.shapes, colliders.x, first_point, found,
+            candidates,
+        )  # fmt: skip
     return found
 
 
 @helper
 def append_points(
+    colliders: Colliders,
     points: np.ndarray,
     point_set: np.void,
     number: int,
-    bodies: np.ndarray,
-    awake: np.ndarray,
-    shapes: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    first: np.ndarray,
-    piece_low: np.ndarray,
-    piece_high: np.ndarray,
+    bounds: Bounds,
+    of_pieces: PieceBounds,
     found: int,
     candidates: np.ndarray,
 ) -> int:
     """Append the points of a set, with a number among bodies and sets, in boxes of pieces."""
     begin, radius = point_set['first'], point_set['radius']
     end, allowance = begin + point_set['count'], point_set['allowance']
-    own = points[begin:end]
+    own, (first, piece_low, piece_high) = points[begin:end], of_pieces
+    low, high, _ = bounds
     for other in range(len(low)):
         # what is only as deep as is tolerated, such as the edge of a finger that presses, is none
-        reach = radius - allowance * shapes[bodies[awake[other]]['shape']]['scale']
+        body = colliders.bodies[colliders.chosen[other]]
+        reach = radius - allowance * colliders.shapes[body['shape']]['scale']
         for i in range(begin + first_beyond(own, low[other, 0] - reach), end):
             point = (points[i, 0], points[i, 1], points[i, 2])
             if not point[0] < high[other, 0] + reach:
@@ -305,7 +261,7 @@ def append_points(
 @helper
 def discard_distant(
     bodies: np.ndarray,
-    awake: np.ndarray,
+    chosen: np.ndarray,
     shapes: np.ndarray,
     x: np.ndarray,
     first_point: int,
@@ -320,7 +276,7 @@ def discard_distant(
     Parameters
     ----------
     bodies : (B,) BODY
-    awake : (A,) int
+    chosen : (c,) int
         which of them
     shapes : (R,) SHAPE
     x : (2, 3, N) float
@@ -338,13 +294,13 @@ def discard_distant(
         number of those that are left
 
     """
-    near = np.zeros(len(awake), np.int64)
+    near = np.zeros(len(chosen), np.int64)
     for k in range(first_point, found):
         near[candidates[k]['other']] += 1
     number = NORMALS.shape[1]
-    low, high = np.empty((len(awake), number)), np.empty((len(awake), number))
-    for other in range(len(awake)):
-        body = bodies[awake[other]]
+    low, high = np.empty((len(chosen), number)), np.empty((len(chosen), number))
+    for other in range(len(chosen)):
+        body = bodies[chosen[other]]
         if near[other] * PARTICLES_PER_POINT > body['surface']:
             begin, half = body['first'], 1 - body['now']
             put_extents(x[half, :, begin : begin + body['surface']], low[other], high[other])
@@ -354,7 +310,7 @@ def discard_distant(
     for k in range(first_point, found):
         candidate = candidates[k]
         other = candidate['other']
-        body = bodies[awake[other]]
+        body = bodies[chosen[other]]
         reach = candidate['reach'] + body['reach']
         reach -= candidate['allowance'] * shapes[body['shape']]['scale']
         point = vector_of(candidate['point'])

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from softbody_ros.core.body import RIGID
-from softbody_ros.core.collision.collision_surface import SurfaceArrays
+from softbody_ros.core.collision.colliders import Bounds, Colliders
 from softbody_ros.core.collision.narrow_phase import CONTACT, particle_at
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.vectors import (
@@ -43,33 +43,16 @@ and where a body slides from one to the next of equal height, its edges must not
 
 
 @helper
-def find_edge_contacts(
-    bodies: np.ndarray,
-    chosen: np.ndarray,
-    shapes: np.ndarray,
-    surfaces: SurfaceArrays,
-    x: np.ndarray,
-    codes: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> np.ndarray:
+def find_edge_contacts(colliders: Colliders, codes: np.ndarray, bounds: Bounds) -> np.ndarray:
     """
     Find the contacts of edges with each other.
 
     Parameters
     ----------
-    bodies : (B,) BODY
-        with their `reach`
-    chosen : (c,) int
-        which of them
-    shapes : (R,) SHAPE
-    surfaces : SurfaceArrays
-    x : (2, 3, N) float
-        m
+    colliders : Colliders
     codes : (p,) int
         pairs of bodies, as `overlapping_codes`
-    low, high : (c, 3) float
-        boxes of bodies with their reach, m
+    bounds : Bounds
 
     Returns
     -------
@@ -77,31 +60,34 @@ def find_edge_contacts(
         those of a pair one after the other, in the order of `codes`
 
     """
+    bodies, chosen, shapes = colliders.bodies, colliders.chosen, colliders.shapes
+    surfaces, edges, x = colliders.surfaces.surfaces, colliders.surfaces.edges, colliders.x
+    low, high, _ = bounds
     contacts, found, most = np.empty(0, CONTACT), 0, 0
     for index in chosen:
-        most = max(most, surfaces.surfaces[bodies[index]['shape']]['edges'])
+        most = max(most, surfaces[bodies[index]['shape']]['edges'])
     if most == 0:
         return contacts
     near_one, near_two = np.empty(most, np.int64), np.empty(most, np.int64)
     for code in codes:
         first, second = code // len(chosen), code % len(chosen)
         one, two = bodies[chosen[first]], bodies[chosen[second]]
-        of_one, of_two = surfaces.surfaces[one['shape']], surfaces.surfaces[two['shape']]
+        of_one, of_two = surfaces[one['shape']], surfaces[two['shape']]
         if first == second or of_one['edges'] == 0 or of_two['edges'] == 0:
             continue
         # boxes include the reach of their own bodies only
         least, largest = enlarged_box(low[first], high[first], two['reach'])
-        count_two = edges_in_box(two, of_two, surfaces.edges, x, least, largest, near_two)
+        count_two = edges_in_box(two, of_two, edges, x, least, largest, near_two)
         if count_two == 0:
             continue
         least, largest = enlarged_box(low[second], high[second], one['reach'])
-        count_one = edges_in_box(one, of_one, surfaces.edges, x, least, largest, near_one)
+        count_one = edges_in_box(one, of_one, edges, x, least, largest, near_one)
         scale = min(shapes[one['shape']]['scale'], shapes[two['shape']]['scale'])
         deepest, reach = min(of_one['thinness'], of_two['thinness']), one['reach'] + two['reach']
         for place in near_one[:count_one]:
-            edge, number = surfaces.edges[place], place - of_one['first_edge']
+            edge, number = edges[place], place - of_one['first_edge']
             for place_two in near_two[:count_two]:
-                other = surfaces.edges[place_two]
+                other = edges[place_two]
                 inside, s, t, normal, gap = closest_points(one, edge, two, other, x)
                 if inside < AT_END * scale or gap >= reach:
                     continue

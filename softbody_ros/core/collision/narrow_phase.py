@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from softbody_ros.core.collision.colliders import Colliders
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.bvh import Trees, closest_face, signed_distance_from_mesh
 from softbody_ros.core.geometry.vectors import (
@@ -66,23 +67,7 @@ CONTACT = np.dtype(
 
 
 @helper
-def find_contacts(
-    bodies: np.ndarray,
-    awake: np.ndarray,
-    shapes: np.ndarray,
-    q: np.ndarray,
-    surfaces: np.ndarray,
-    faces: np.ndarray,
-    piece_of_face: np.ndarray,
-    normals: np.ndarray,
-    origins: np.ndarray,
-    trees: Trees,
-    x: np.ndarray,
-    match_centre: np.ndarray,
-    match_posture: np.ndarray,
-    candidates: np.ndarray,
-    contacts: np.ndarray,
-) -> int:
+def find_contacts(colliders: Colliders, candidates: np.ndarray, contacts: np.ndarray) -> int:
     """
     Write the candidates in reach of faces, and return their number.
 
@@ -90,49 +75,44 @@ def find_contacts(
 
     Parameters
     ----------
-    bodies : (B,) BODY
-    awake : (A,) int
-        which of them
-    shapes : (R,) SHAPE
-    q : (3, M) float
-    surfaces, faces, piece_of_face, normals, origins, trees
-        see `SurfaceArrays`
-    x : (2, 3, N) float
-        m
-    match_centre, match_posture : (S, 3), (S, 3, 3) float
-        centres, m, and linear maps of the pieces of bodies
+    colliders : Colliders
     candidates : (q,) CANDIDATE
     contacts : (q,) CONTACT
         written
 
     """
+    bodies, chosen, shapes, x = (
+        colliders.bodies, colliders.chosen, colliders.shapes, colliders.x
+    )  # fmt: skip
+    surfaces, faces, trees = (
+        colliders.surfaces.surfaces, colliders.surfaces.faces, colliders.surfaces.trees
+    )  # fmt: skip
     found = 0
     last_other, last_piece = -1, -1
     to_rest, match_place, origin = NO_MATRIX, ZERO, ZERO
     for candidate in candidates:
         owner, other, piece = candidate['body'], candidate['other'], candidate['piece']
-        body = bodies[awake[other]]
+        body = bodies[chosen[other]]
         shape, surface = shapes[body['shape']], surfaces[body['shape']]
         if not surface['closed']:
             continue
         if other != last_other or piece != last_piece:
             last_other, last_piece = other, piece
             match = body['first_match'] + (1 + piece if body['regions'] > 0 else 0)
-            to_rest = inverse(matrix_of(match_posture[match]))
-            match_place = vector_of(match_centre[match])
-            origin = vector_of(origins[surfaces[body['matched']]['first_origin'] + piece])
-        is_movable = owner < len(awake)
+            to_rest = inverse(matrix_of(colliders.match_posture[match]))
+            match_place = vector_of(colliders.match_centre[match])
+            first_origin = surfaces[body['matched']]['first_origin']
+            origin = vector_of(colliders.surfaces.origins[first_origin + piece])
+        is_movable = owner < len(chosen)
         particle = candidate['particle']
         point, inwards = vector_of(candidate['point']), ZERO
         if is_movable:
-            inwards = minus(vector_of(bodies[awake[owner]]['centre']), point)
+            inwards = minus(vector_of(bodies[chosen[owner]]['centre']), point)
         half, scale = 1 - body['now'], shape['scale']
         reach = candidate['reach'] + body['reach'] - candidate['allowance'] * scale
         outwards = ZERO
         if is_movable and surface['pieces'] == 1:
-            outwards = outward_normal(
-                bodies[awake[owner]], surfaces, normals, match_posture, particle
-            )
+            outwards = outward_normal(colliders, bodies[chosen[owner]], particle)
 
         touches, inset = False, LOOKUP_INSET
         face, height, normal, barycentric = -1, 0.0, ZERO, ZERO
@@ -145,9 +125,9 @@ def find_contacts(
             face = trees[2][row]['index']
             corners = faces[surface['first_face'] + face]
             if attempt == 0 and surface['pieces'] > 1:
-                if piece_of_face[surface['first_face'] + face] != piece:
+                if colliders.surfaces.piece_of_face[surface['first_face'] + face] != piece:
                     break
-                if owner == other and are_neighbours(shape, surface, q, corners, particle):
+                if owner == other and are_neighbours(colliders, body, corners, particle):
                     break
             height, normal, barycentric = height_over_face(point, x, half, body, corners)
             # a face that has collapsed to a line has no normal
@@ -161,7 +141,7 @@ def find_contacts(
                 break
             inset = PASSING_INSET
         if touches and is_movable and surface['pieces'] == 1:
-            way = way_past(x, bodies[awake[owner]], particle, body, point)
+            way = way_past(x, bodies[chosen[owner]], particle, body, point)
             fast = surface['thinness'] * surface['thinness']
             if dot(way, way) > fast and dot(way, normal) > 0.0:
                 # it leaves here, so it may have come in elsewhere
@@ -181,7 +161,7 @@ def find_contacts(
         contact['body'], contact['other'], contact['edges'] = owner, other, -1
         contact['particles'][0] = particle
         if is_movable:
-            contact['particles'][0] += bodies[awake[owner]]['first']
+            contact['particles'][0] += bodies[chosen[owner]]['first']
         contact['coefficients'][0] = 1.0
         corners = faces[surface['first_face'] + face]
         for corner in range(3):
@@ -233,27 +213,29 @@ def particle_at(x: np.ndarray, half: int, column: int) -> Vector:
 
 
 @helper
-def outward_normal(body, surfaces, normals, match_posture, particle):  # type: ignore[no-untyped-def]
+def outward_normal(colliders: Colliders, body: np.void, particle: int) -> Vector:
     """Return an approximate surface normal of a body at a particle; zero if unknown."""
-    surface = surfaces[body['shape']]
+    surface = colliders.surfaces.surfaces[body['shape']]
     if surface['pieces'] > 1:
         return ZERO
     match = body['first_match'] + (1 if body['regions'] > 0 else 0)
-    posture = matrix_of(match_posture[match])
-    return applied(posture, vector_of(normals[surface['first_particle'] + particle]))
+    posture = matrix_of(colliders.match_posture[match])
+    normal = colliders.surfaces.normals[surface['first_particle'] + particle]
+    return applied(posture, vector_of(normal))
 
 
 @helper
-def are_neighbours(shape, surface, q, corners, particle):  # type: ignore[no-untyped-def]
+def are_neighbours(
+    colliders: Colliders, body: np.void, corners: np.ndarray, particle: int
+) -> bool:
     """Return whether a particle is a neighbour of a face of its own body at rest."""
-    square = 0.0
+    first, square = colliders.shapes[body['shape']]['first'], 0.0
     for axis in range(3):
-        row = q[axis]
-        first = shape['first']
+        row = colliders.q[axis]
         a, b, c = row[first + corners[0]], row[first + corners[1]], row[first + corners[2]]
         gap = row[first + particle] - (a + b + c) / 3.0
         square += gap * gap
-    return not math.sqrt(square) > surface['neighbours']
+    return not math.sqrt(square) > colliders.surfaces.surfaces[body['shape']]['neighbours']
 
 
 @helper

@@ -10,6 +10,8 @@ for others nearby only.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from softbody_ros.core.collision.body_contacts import (
@@ -18,6 +20,7 @@ from softbody_ros.core.collision.body_contacts import (
     find_body_contacts,
     find_contacts_of_pairs,
 )
+from softbody_ros.core.collision.colliders import Colliders
 from softbody_ros.core.collision.collision_surface import SurfaceArrays
 from softbody_ros.core.collision.fixed_points import POINT_SET
 from softbody_ros.core.collision.narrow_phase import CONTACT as FACE_CONTACT
@@ -69,6 +72,22 @@ CALM = 0.01
 while to look whether a body is steady."""
 
 
+class Tick(NamedTuple):
+    """Bodies after their flight, and obstacles: arrays of all of the world, see `find_rows`."""
+
+    bodies: np.ndarray
+    shapes: np.ndarray
+    weights: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    flown: np.ndarray
+    obstacles: np.ndarray
+    trees: Trees
+    h: float
+    memory: np.ndarray
+    is_pinned: np.ndarray
+
+
 @kernel
 def find_rows(
     bodies: np.ndarray,
@@ -111,7 +130,7 @@ def find_rows(
     flown : (3, N) float
         written: positions after the flight of deformable bodies that may touch something, m
     match_centre, match_posture
-        see `narrow_phase.find_contacts`
+        see `Colliders`
     obstacles : (O,) OBSTACLE
     trees : Trees
         of the meshes of obstacles
@@ -141,34 +160,24 @@ def find_rows(
         pairs of members that have contacts, as increasing codes: m times one plus another
 
     """
+    tick = Tick(bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, is_pinned)
     members, most = workspace.members[: len(chosen)], 0
-    begin_members(
-        bodies, chosen, shapes, x, v, flown, obstacles, h, others, len(memory) > 0, reaction,
-        members,
-    )  # fmt: skip
+    begin_members(tick, chosen, others, reaction, members)
     for number in chosen:
         most = max(most, bodies[number]['count'])
     near, rows, more = np.empty(most, CONTACT), workspace.found, np.empty(0, ROW)
+    colliders = Colliders(bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces)
     contacts, found, searches = np.empty(0, FACE_CONTACT), 0, 0
     needed = workspace.needed
     while searches < PASSES:
-        found = find_obstacle_rows(
-            bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, members, near, rows,
-            is_pinned,
-        )  # fmt: skip
+        found = find_obstacle_rows(tick, members, near, rows)
         if others:
             for number in range(len(chosen)):
                 body = bodies[chosen[number]]
                 body['reach'] = body['thickness'] + members[number]['margin']
-            contacts, candidates = find_body_contacts(
-                bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, points, sets,
-                needed[CANDIDATES],
-            )  # fmt: skip
+            contacts, candidates = find_body_contacts(colliders, points, sets, needed[CANDIDATES])
             needed[CANDIDATES] = max(needed[CANDIDATES], candidates)
-            found = find_face_rows(
-                bodies, contacts, sets, shapes, weights, x, v, flown, h, memory, members, rows,
-                found, is_pinned,
-            )  # fmt: skip
+            found = find_face_rows(tick, contacts, sets, members, rows, found)
         if found > len(rows):
             needed[FOUND] = 2 * found
             rows = more = np.empty(needed[FOUND], ROW)
@@ -220,8 +229,8 @@ def find_missed(
     """
     for number in chosen:
         bodies[number]['reach'] = bodies[number]['thickness']
-    low, high, margin = bound_all(bodies, chosen, shapes, x)
-    codes, left, known = overlapping_codes(low, high), 0, 0
+    bounds = bound_all(bodies, chosen, shapes, x)
+    codes, left, known = overlapping_codes(bounds.low, bounds.high), 0, 0
     for code in codes:
         while known < len(met) and met[known] < code:
             known += 1
@@ -231,8 +240,8 @@ def find_missed(
             codes[left] = code
             left += 1
     contacts, _ = find_contacts_of_pairs(
-        bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, codes[:left],
-        np.empty((0, 3)), np.empty(0, POINT_SET), low, high, margin, needed[CANDIDATES],
+        Colliders(bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces),
+        codes[:left], bounds, np.empty((0, 3)), np.empty(0, POINT_SET), needed[CANDIDATES],
     )  # fmt: skip
     misses = False
     for contact in contacts:
@@ -247,18 +256,7 @@ def find_missed(
 
 @helper
 def begin_members(
-    bodies: np.ndarray,
-    chosen: np.ndarray,
-    shapes: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    obstacles: np.ndarray,
-    h: float,
-    others: bool,
-    in_contact: bool,
-    reaction: np.ndarray,
-    members: np.ndarray,
+    tick: Tick, chosen: np.ndarray, others: bool, reaction: np.ndarray, members: np.ndarray
 ) -> None:
     """
     Write the members, after their flight.
@@ -269,19 +267,18 @@ def begin_members(
 
     Parameters
     ----------
-    in_contact : bool
-        whether there were any contacts at the tick before
+    tick : Tick
     members : (m,) MEMBER
         written
-    bodies, chosen, shapes, x, v, flown, obstacles, h, others, reaction
+    chosen, others, reaction
         see `find_rows`
 
     """
-    nothing = np.zeros(1, MEMBER)
+    x, v, h, nothing = tick.x, tick.v, tick.h, np.zeros(1, MEMBER)
     for number in range(len(chosen)):
-        body, member = bodies[chosen[number]], members[number]
+        body, member = tick.bodies[chosen[number]], members[number]
         copy_record(members, number, nothing, 0)
-        shape, now = shapes[body['shape']], body['now']
+        shape, now = tick.shapes[body['shape']], body['now']
         scale = shape['scale']
         put_member(member, body, shape, chosen[number], h)
         member['margin'] = (SOFT_MARGIN if member['is_soft'] else MARGIN) * scale
@@ -289,51 +286,38 @@ def begin_members(
         turning = norm(rate) + norm(vector_of(member['carried']))
         member['margin'] += h * scale * turning
         speed = norm(vector_of(member['velocity']))
-        near, change = find_near_obstacles(body, member, h * speed, obstacles, x)
+        near, change = find_near_obstacles(body, member, h * speed, tick.obstacles, x)
         # so much its velocity may change, if what it meets stops it or takes it along
         member['margin'] += h * (max(speed, change) if others else change) + body['pushed']
         body['displaced'] = 0.0
         member['nearby'] = member['widest'] = member['margin']
         if member['is_soft'] and (others or near):
-            distance, coasting = put_start_shape(body, x[now], v[now], x[1 - now], flown, h)
+            distance, coasting = put_start_shape(body, x[now], v[now], x[1 - now], tick.flown, h)
             member['starts'], member['widest'] = True, member['nearby'] + distance
             # a contact acts up to so far from where it would be with the velocities
             member['margin'] = member['nearby'] + LEVER * SOFT_MARGIN * scale + coasting
         # steady is only what does not accelerate
         force = plus(vector_of(member['acceleration']), vector_of(reaction[chosen[number], 0]))
-        may_be_steady = in_contact and h * h * norm(force) <= CALM * SOFT_MARGIN * scale
+        may_be_steady = len(tick.memory) > 0 and h * h * norm(force) <= CALM * SOFT_MARGIN * scale
         if not may_be_steady or member['margin'] > member['widest']:
             member['margin'] = member['widest']
 
 
 @helper
 def find_obstacle_rows(
-    bodies: np.ndarray,
-    shapes: np.ndarray,
-    weights: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    obstacles: np.ndarray,
-    trees: Trees,
-    h: float,
-    memory: np.ndarray,
-    members: np.ndarray,
-    contacts: np.ndarray,
-    rows: np.ndarray,
-    is_pinned: np.ndarray,
+    tick: Tick, members: np.ndarray, contacts: np.ndarray, rows: np.ndarray
 ) -> int:
     """
     Write the rows of contacts with obstacles, at the start shapes.
 
     Parameters
     ----------
+    tick : Tick
+    members : (m,) MEMBER
     contacts : (c,) CONTACT
         scratch for the contacts of one body with one obstacle
     rows : (k,) ROW
         written
-    bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, members, is_pinned
-        see `find_rows`
 
     Returns
     -------
@@ -348,10 +332,7 @@ def find_obstacle_rows(
             continue
         end, is_done = found, False
         while not is_done:
-            end, is_done = find_rows_of_body(
-                bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, members,
-                contacts, rows, is_pinned, number, found,
-            )  # fmt: skip
+            end, is_done = find_rows_of_body(tick, members, contacts, rows, number, found)
             if not is_done:
                 # it is not steady: begin again with the wider margin, which is wide enough
                 member['margin'] = member['widest']
@@ -361,20 +342,10 @@ def find_obstacle_rows(
 
 @helper
 def find_rows_of_body(
-    bodies: np.ndarray,
-    shapes: np.ndarray,
-    weights: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    obstacles: np.ndarray,
-    trees: Trees,
-    h: float,
-    memory: np.ndarray,
+    tick: Tick,
     members: np.ndarray,
     contacts: np.ndarray,
     rows: np.ndarray,
-    is_pinned: np.ndarray,
     number: int,
     found: int,
 ) -> tuple[int, bool]:
@@ -398,9 +369,9 @@ def find_rows_of_body(
         whether there is no such contact
 
     """
-    member = members[number]
-    body = bodies[member['body']]
-    first, count, shape = body['first'], body['surface'], shapes[body['shape']]
+    x, member, obstacles = tick.x, members[number], tick.obstacles
+    body = tick.bodies[member['body']]
+    first, count, shape = body['first'], body['surface'], tick.shapes[body['shape']]
     start, end, reach = x[body['now']], x[1 - body['now']], body['thickness'] + member['margin']
     low, high, low_before, high_before, is_bounded = ZERO, ZERO, ZERO, ZERO, False
     for which in range(len(obstacles)):
@@ -412,17 +383,20 @@ def find_rows_of_body(
                 is_bounded = True
             if not may_touch(obstacle, low, high, low_before, high_before, reach):
                 continue
-        near = find_contacts(obstacle, trees, end, start, first, count, reach, True, contacts, 0)
+        near = find_contacts(
+            obstacle, tick.trees, end, start, first, count, reach, True, contacts, 0
+        )
         for k in range(near):
             particle = contacts[k]['particle']
-            if is_pinned[first + particle]:
+            if tick.is_pinned[first + particle]:
                 continue
             if found < len(rows):
                 velocity = put_obstacle_row(
                     rows[found], contacts[k], number, body, reach,
-                    weights[shape['first'] + particle], obstacle, which, memory, x, v, flown, h,
+                    tick.weights[shape['first'] + particle], obstacle, which, tick.memory, x,
+                    tick.v, tick.flown, tick.h,
                 )  # fmt: skip
-                complete_row(rows[found], members, velocity, h)
+                complete_row(rows[found], members, velocity, tick.h)
                 if member['margin'] < member['widest'] and not is_calm(rows[found], member):
                     return found, False
             found += 1
@@ -547,20 +521,12 @@ def confirm_steady(
 
 @helper
 def find_face_rows(
-    bodies: np.ndarray,
+    tick: Tick,
     contacts: np.ndarray,
     sets: np.ndarray,
-    shapes: np.ndarray,
-    weights: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    h: float,
-    memory: np.ndarray,
     members: np.ndarray,
     rows: np.ndarray,
     found: int,
-    is_pinned: np.ndarray,
 ) -> int:
     """
     Append the rows of contacts between bodies, and of points with faces of bodies.
@@ -569,12 +535,15 @@ def find_face_rows(
 
     Parameters
     ----------
+    tick : Tick
     contacts : (c,) CONTACT
         of the narrow phase
+    sets : (s,) POINT_SET
+    members : (m,) MEMBER
+    rows : (k,) ROW
+        written
     found : int
         number of rows before
-    bodies, sets, shapes, weights, x, v, flown, h, memory, members, rows, is_pinned
-        see `find_rows`
 
     Returns
     -------
@@ -584,14 +553,15 @@ def find_face_rows(
     """
     first = found
     for contact in contacts:
-        if not may_yield(contact, members, is_pinned):
+        if not may_yield(contact, members, tick.is_pinned):
             continue
         if found < len(rows):
             velocity = put_face_row(
-                rows[found], contact, bodies, members, sets, shapes, weights, x, v, flown, h
-            )
-            recall(rows[found], memory)
-            complete_row(rows[found], members, velocity, h)
+                rows[found], contact, tick.bodies, members, sets, tick.shapes, tick.weights,
+                tick.x, tick.v, tick.flown, tick.h,
+            )  # fmt: skip
+            recall(rows[found], tick.memory)
+            complete_row(rows[found], members, velocity, tick.h)
             is_held_somewhere = rows[found]['of_face'] and members[contact['other']]['has_pins']
             if is_held_somewhere and contradicts(rows[found], contact, rows[:first]):
                 continue
