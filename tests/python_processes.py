@@ -11,12 +11,12 @@ ROOT = pathlib.Path(__file__).parent.parent
 WITHOUT_NUMBA = "import sys; sys.modules['numba'] = None\n"
 
 
-def begun(code, folder=ROOT, **environment):
+def begun(code, folder=ROOT, python=sys.executable, **environment):
     """Start a process that imports from a folder; variables that are None are not set."""
     environment = {'PYTHONPATH': str(folder), 'OPENBLAS_NUM_THREADS': '1'} | environment
     merged = os.environ | environment
     return subprocess.Popen(
-        [sys.executable, '-c', code],
+        [python, '-c', code],
         env={name: str(value) for name, value in merged.items() if value is not None},
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -29,5 +29,5 @@ def finished(process):
     return output
 
 
-def printed(code, folder=ROOT, **environment):
-    return finished(begun(code, folder, **environment))
+def printed(code, folder=ROOT, python=sys.executable, **environment):
+    return finished(begun(code, folder, python, **environment))
