@@ -16,8 +16,6 @@ from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, bounds_of, overlapping
 from softbody_ros.core.shape_matching.rest_shape import SHAPE
 
-pytestmark = pytest.mark.oldest
-
 
 def random_boxes(kind, count):
     """Return corners (N, 3) of boxes, many of them equal or flush with others."""

@@ -12,7 +12,7 @@ from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry import bvh
 from softbody_ros.core.geometry.bvh import closed_tree, make_tree, pack
 
-pytestmark = [pytest.mark.oldest, pytest.mark.plain]
+pytestmark = pytest.mark.plain
 
 
 def thin_plate():

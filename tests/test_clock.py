@@ -12,8 +12,6 @@ from softbody_ros.core import World
 from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.scene import parameters
 
-pytestmark = pytest.mark.oldest
-
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 MILLISECOND = 1_000_000

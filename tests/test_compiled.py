@@ -15,8 +15,6 @@ from python_processes import WITHOUT_NUMBA, begun, finished, printed
 from softbody_ros.core import BodyConfig, World, WorldConfig, compiled
 from softbody_ros.core.compiled import kernel
 
-pytestmark = pytest.mark.oldest
-
 HELPERS = """
 from tiny.compiled import helper
 
@@ -97,6 +95,7 @@ def tiny(tmp_path):
 
 
 # ------------------------------------------------------------------------------------------- cache
+@pytest.mark.oldest
 def test_a_second_process_compiles_nothing(tiny):
     """Numba lets its cache be replaced by a name that it might change: then this fails."""
     first = tiny.call()
@@ -106,6 +105,7 @@ def test_a_second_process_compiles_nothing(tiny):
     assert first['notice'] == second['notice'] == ''
 
 
+@pytest.mark.oldest
 def test_a_helper_that_changes_in_another_file_never_leaves_old_machine_code(tiny):
     assert tiny.call()['result'] == 20.0
     tiny.change_helper(3.0)
@@ -115,6 +115,7 @@ def test_a_helper_that_changes_in_another_file_never_leaves_old_machine_code(tin
     assert (back['result'], back['compiled']) == (20.0, 0)
 
 
+@pytest.mark.oldest
 def test_options_of_numba_and_the_processor_have_machine_code_of_their_own(tiny):
     assert tiny.call()['compiled'] == 2
     assert tiny.call(NUMBA_BOUNDSCHECK='1')['compiled'] == 2
@@ -130,6 +131,7 @@ def test_two_processes_that_compile_at_once_into_one_empty_cache_are_both_right(
     assert not [path for path in tiny.cache.rglob('*') if path.is_file() and path.suffix != '.nbc']
 
 
+@pytest.mark.oldest
 def test_half_a_file_is_compiled_again(tiny):
     tiny.call()
     one, two = tiny.cache.rglob('*.nbc')
@@ -149,6 +151,7 @@ def test_the_cache_lies_beside_the_sources_or_with_the_users_other_ones(tiny):
     assert list((tiny.folder / 'user' / 'softbody_ros').rglob('*.nbc'))
 
 
+@pytest.mark.oldest
 def test_where_no_place_is_writable_it_works_and_says_so_once(tiny):
     nowhere = tiny.without_places()
     for _ in range(2):
@@ -225,6 +228,7 @@ def test_without_compiling_the_same_is_computed(tiny):
     assert tiny.call(before=WITHOUT_NUMBA)['result'] == 20.0
 
 
+@pytest.mark.oldest
 @pytest.mark.skipif(not compiled.is_compiled(), reason='nothing is compiled')
 def test_a_helper_becomes_machine_code_only_as_a_part_of_kernels():
     @compiled.helper
@@ -377,6 +381,7 @@ def test_the_second_process_has_something_to_compile():
     printed(HELP.format(parent='os.getppid()'), NUMBA_DISABLE_JIT='1')
 
 
+@pytest.mark.oldest
 def test_compiling_can_be_stopped(tmp_path):
     said = printed(STOPPED, NUMBA_CACHE_DIR=tmp_path, NUMBA_DISABLE_JIT=None).splitlines()
     assert said[1:] == ['False 6 False']
@@ -409,6 +414,7 @@ def _folded(x):
     return total
 
 
+@pytest.mark.oldest
 @pytest.mark.skipif(not compiled.is_compiled(), reason='kernels are plain Python')
 def test_instructions_on_several_numbers_are_counted():
     x = np.ones(100)

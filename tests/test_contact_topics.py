@@ -15,8 +15,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from softbody_ros.core.external_inputs import MOST_DYNAMIC_OBSTACLES
 from softbody_ros.ros.messages import POINT_TYPE
 
-pytestmark = pytest.mark.oldest
-
 SIM = '/softbody_sim'
 G = 9.81
 
@@ -48,6 +46,7 @@ def impulse_of(messages, clouds, start):
     return total
 
 
+@pytest.mark.oldest
 def test_contacts_of_each_body_and_one_zero_when_they_end(graph):
     node = graph.sim_node(
         bodies=['one', 'two'], one__subdivisions=1, two__subdivisions=1, two__mass=3.0,

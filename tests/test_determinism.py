@@ -10,12 +10,18 @@ from kernel_worlds import EVERYTHING, HASHES, LARGE, TICKS, hashes
 import pytest
 from python_processes import printed
 
-pytestmark = pytest.mark.oldest
-
 THREADS = ('NUMBA_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
-@pytest.mark.parametrize('scene', [EVERYTHING, LARGE], ids=['everything', 'large'])
+@pytest.mark.parametrize(
+    'scene',
+    [
+        # one thread computes it anyhow: processes are compared by test_compiled_anew, too
+        pytest.param(EVERYTHING, marks=pytest.mark.slow),
+        pytest.param(LARGE, marks=pytest.mark.oldest),
+    ],
+    ids=['everything', 'large'],
+)
 def test_processes_with_one_and_two_threads_agree_in_every_tick(scene):
     """10 242 vertices are more than is summed in one thread when there are two."""
     one, two = (

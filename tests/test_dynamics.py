@@ -211,7 +211,7 @@ def energy(world, name):
     return w @ np.sum(speed**2, axis=1) + omega**2 * w @ displacement**2
 
 
-@pytest.mark.parametrize('h', [1 / 60, 0.1])
+@pytest.mark.parametrize('h', [1 / 60, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_ten_thousand_ticks_add_no_energy(h):
     parameters = itertools.product(SOFT, (0.1, 1.0), (0.0, 0.9, 1.0), (0.0, 0.5, 0.9))
     bodies = [

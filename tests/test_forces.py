@@ -89,7 +89,9 @@ OBSTACLES = (
 
 
 @every_mode
-@pytest.mark.parametrize('h', [1 / 60, 1 / 240, pytest.param(1 / 1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    'h', [1 / 60, *(pytest.param(h, marks=pytest.mark.slow) for h in (1 / 240, 1 / 1000))]
+)
 @pytest.mark.parametrize('friction_model', ['viscous', 'coulomb'])
 def test_action_is_reaction_in_every_tick(mode, h, friction_model):
     bodies = [

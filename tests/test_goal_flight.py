@@ -35,7 +35,7 @@ from softbody_ros.core.shape_matching.regions import make_regions
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
 from softbody_ros.core.state import Body
 
-pytestmark = [pytest.mark.oldest, pytest.mark.plain]
+pytestmark = pytest.mark.plain
 
 MODES = ('rigid', 'linear', 'quadratic')
 SOFT = ('linear', 'quadratic')

@@ -23,8 +23,6 @@ from softbody_ros.core.shape_matching.gains import unresolved_restitution
 from softbody_ros.core.shape_matching.material import make_material, natural_frequency
 from softbody_ros.core.shape_matching.rest_shape import make_rest_shape
 
-pytestmark = pytest.mark.oldest
-
 SOFT = ('linear', 'quadratic')
 STRAINS = (0.05, 0.1, 0.2)
 

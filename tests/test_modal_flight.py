@@ -758,7 +758,9 @@ def test_without_damping_at_the_reference_step_positions_are_those_of_the_publis
 # ------------------------------------------------------------------------------------------ energy
 @pytest.mark.skipif(not is_compiled(), reason='thousands of ticks')
 @pytest.mark.parametrize('mode', SOFT)
-@pytest.mark.parametrize('h', [1 / 20, 1 / 60, 1 / 240, 1 / 960])
+@pytest.mark.parametrize(
+    'h', [1 / 20, 1 / 60, 1 / 240, pytest.param(1 / 960, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     ('values', 'spin', 'rounding'),
     [
@@ -847,7 +849,7 @@ def test_any_state_comes_back(mode, material, h, moving):
 @pytest.mark.skipif(not is_compiled(), reason='thousands of ticks')
 @pytest.mark.parametrize('material', ['default', 'bouncing', 'soft'])
 @pytest.mark.parametrize('mode', SOFT)
-@pytest.mark.parametrize('h', [1 / 30, 1 / 240])
+@pytest.mark.parametrize('h', [1 / 30, pytest.param(1 / 240, marks=pytest.mark.slow)])
 def test_any_state_that_spins_is_wide_but_bounded(mode, material, h):
     """Up to 1e5 rad/s, which is left of the angular momentum of a body 100 times its size."""
     flights = Flights(*[body(pebble(), mode=mode, **MATERIALS[material])] * len(STATES), h=h)

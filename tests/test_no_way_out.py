@@ -196,7 +196,9 @@ def wedged(seed):
     return World(WorldConfig(time_step=h, bodies=tuple(bodies), obstacles=tuple(obstacles)))
 
 
-@pytest.mark.parametrize('seed', [24, 37, 38])
+@pytest.mark.parametrize(
+    'seed', [24, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (37, 38))]
+)
 def test_the_work_of_a_tick_without_room_is_bounded(seed):
     world, most = wedged(seed), 0
     for _ in range(120):

@@ -19,7 +19,7 @@ from softbody_ros.core.compiled import kernel
 from softbody_ros.core.config import OBSTACLE_TYPES
 from softbody_ros.core.geometry.bounding_boxes import box_around
 
-pytestmark = [pytest.mark.oldest, pytest.mark.plain]
+pytestmark = pytest.mark.plain
 
 SOLIDS = tuple(kind for kind in OBSTACLE_TYPES if kind != 'plane')
 THIN = 0.01

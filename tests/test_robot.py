@@ -27,8 +27,6 @@ from softbody_ros.core.links import FASTEST_CORRECTION
 from softbody_ros.scene.parameters import make_scene
 from softbody_ros.scene.robot import Robot, RobotError, RobotState, move_robot, read_robot
 
-pytestmark = pytest.mark.oldest
-
 CONFIG = pathlib.Path(__file__).parent.parent / 'config'
 GRIPPER = (CONFIG / 'gripper.urdf').read_text()
 TURN = math.pi / 2
@@ -100,6 +98,7 @@ def reference_poses(urdf, robot, q):
 
 
 # ------------------------------------------------------------------------------------- kinematics
+@pytest.mark.oldest
 @pytest.mark.parametrize('urdf', [ARM, GRIPPER], ids=['arm', 'gripper'])
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_poses_are_those_of_yourdfpy_and_twists_their_derivatives(urdf, sign):
@@ -127,6 +126,7 @@ def test_poses_are_those_of_yourdfpy_and_twists_their_derivatives(urdf, sign):
     assert np.abs(moving['linear']).max() > 0.1
 
 
+@pytest.mark.oldest
 def test_a_root_elsewhere_moves_and_turns_everything():
     robot, _ = read_robot(with_shapes(ARM), ['hand'])
     q, v = np.random.default_rng(5).normal(size=(2, len(robot.joints)))
@@ -139,6 +139,7 @@ def test_a_root_elsewhere_moves_and_turns_everything():
         np.testing.assert_allclose(moved[name], at_home[name] @ turn.T, atol=1e-14)
 
 
+@pytest.mark.oldest
 def test_only_joints_that_move_chosen_links_are_needed():
     robot, _ = read_robot(with_shapes(ARM), ['fore', 'copy'])
     assert robot.joints == ('shoulder', 'elbow', 'rail')
@@ -146,6 +147,7 @@ def test_only_joints_that_move_chosen_links_are_needed():
     assert 'hand' not in robot.rows
 
 
+@pytest.mark.oldest
 def test_a_joint_that_has_turned_often_is_exact():
     robot, _ = read_robot(with_shapes(ARM), ['fore'])
     once, often = (
@@ -166,6 +168,7 @@ def only_obstacle(urdf, problems=()):
     return obstacle
 
 
+@pytest.mark.oldest
 @pytest.mark.parametrize(
     ('shape', 'kind', 'size'),
     [
@@ -194,6 +197,7 @@ def wedge():
     return shape
 
 
+@pytest.mark.oldest
 @pytest.mark.parametrize('ending', ['stl', 'obj', 'dae', 'ply', 'glb'])
 @pytest.mark.parametrize('scale', [(1.0, 1.0, 1.0), (0.5, 2.0, 1.0), (-1.0, 1.0, 1.0)])
 def test_mesh_files_are_scaled_and_where_they_say(wedge, tmp_path, ending, scale):
@@ -210,6 +214,7 @@ def test_mesh_files_are_scaled_and_where_they_say(wedge, tmp_path, ending, scale
     np.testing.assert_array_equal(distance < 0.0, inside)
 
 
+@pytest.mark.oldest
 def test_a_collada_file_has_its_own_unit(wedge, tmp_path):
     path = tmp_path / 'wedge.dae'
     text = trimesh.exchange.dae.export_collada(wedge).decode()
@@ -218,6 +223,7 @@ def test_a_collada_file_has_its_own_unit(wedge, tmp_path):
     np.testing.assert_allclose(obstacle.half_extents, [0.002, 0.0015, 0.0015], rtol=1e-6)
 
 
+@pytest.mark.oldest
 def test_an_open_mesh_is_its_convex_hull_and_that_is_said(tmp_path):
     ball = trimesh.creation.icosphere(2, 0.3)
     ball.update_faces(ball.triangles_center[:, 2] < 0.2)
@@ -229,6 +235,7 @@ def test_an_open_mesh_is_its_convex_hull_and_that_is_said(tmp_path):
     assert normal[0] == pytest.approx([0.0, 0.0, 1.0])
 
 
+@pytest.mark.oldest
 def test_shapes_are_made_once_and_shared_by_all_updates():
     robot, _ = read_robot(GRIPPER, ['palm'])
     world = World(WorldConfig(obstacles=()))
@@ -242,6 +249,7 @@ def test_shapes_are_made_once_and_shared_by_all_updates():
 
 
 # ----------------------------------------------------------------------------- bad descriptions
+@pytest.mark.oldest
 @pytest.mark.parametrize(
     ('values', 'sentence'),
     [
@@ -270,6 +278,7 @@ def pair(*joints, links='ab'):
     return f'<robot name="r">{shapes}{"".join(joints)}</robot>'
 
 
+@pytest.mark.oldest
 @pytest.mark.parametrize(
     ('urdf', 'sentence'),
     [
@@ -322,6 +331,7 @@ def test_what_is_no_urdf_is_one_sentence(urdf, sentence):
     assert '\n' not in str(error.value)
 
 
+@pytest.mark.oldest
 @pytest.mark.parametrize(
     ('urdf', 'sentence'),
     [
@@ -348,6 +358,7 @@ def test_what_of_a_urdf_cannot_be_used_is_said_and_the_rest_is(urdf, sentence):
     assert isinstance(robot, Robot)
 
 
+@pytest.mark.oldest
 def test_patterns_that_match_nothing_are_said():
     robot, problems = read_robot(GRIPPER, ['left_fingr', 'x*', 'palm', 'ceiling'])
     assert list(robot.names) == ['palm']
@@ -356,6 +367,7 @@ def test_patterns_that_match_nothing_are_said():
     assert problems[2] == 'link ceiling has no collision shape: it is not in the way'
 
 
+@pytest.mark.oldest
 def test_names_are_those_of_links_as_far_as_topics_can_have_them():
     links = ['left/tip-1', '2nd', 'a.b', 'a_b', 'ball']
     shapes = ''.join(f'<link name="{name}">{BALL}</link>' for name in ['root', *links])
@@ -367,6 +379,7 @@ def test_names_are_those_of_links_as_far_as_topics_can_have_them():
     }  # fmt: skip
 
 
+@pytest.mark.oldest
 def test_a_declared_encoding_and_what_is_not_kinematics_are_no_problem():
     text = GRIPPER.replace('<?xml version="1.0"?>', '<?xml version="1.0" encoding="latin-1"?>')
     text = text.replace('</robot>', '<gazebo><plugin name="ü"/></gazebo><transmission/></robot>')
@@ -547,6 +560,7 @@ def test_a_finger_that_starts_to_move_wakes_what_lies_on_it_and_one_elsewhere_do
     assert world.is_asleep('low') and not world.is_asleep('high')
 
 
+@pytest.mark.oldest
 def test_a_snapshot_in_the_middle_of_an_approach_continues_bit_by_bit():
     world = World(WorldConfig(bodies=(BALL_BODY,), **FIRM))
     robot, _ = read_robot(GRIPPER, ['*finger', 'palm'], 1.3)

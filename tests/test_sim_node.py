@@ -24,8 +24,6 @@ from softbody_ros.ros.messages import POINT_TYPE, points_array
 from softbody_ros.ros.simulation_interfaces import FEATURES
 from softbody_ros.scene import parameters
 
-pytestmark = pytest.mark.oldest
-
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -52,6 +50,7 @@ def step_to(graph, ticks):
     assert answer.success, answer.message
 
 
+@pytest.mark.oldest
 # ------------------------------------------------------------------------------------------ topics
 @pytest.mark.parametrize('distribution', ['surface', 'volume'])
 def test_points_have_every_vertex_and_fall(graph, distribution):
@@ -86,6 +85,7 @@ def test_both_kinds_of_subscriber_receive(graph, reliability):
     graph.spin_until(lambda: len(clouds) > 3 and len(markers) > 3 and len(odometry) > 3)
 
 
+@pytest.mark.oldest
 def test_points_markers_and_rest_mesh_agree(graph):
     graph.sim_node(
         bodies=['one', 'two'], one__subdivisions=1, two__mesh='box', two__subdivisions=1,
@@ -163,6 +163,7 @@ def test_who_leaves_makes_nobody_get_a_paused_body_again(graph):
     assert settled() == before
 
 
+@pytest.mark.oldest
 def test_odometry_is_the_pose_and_twist_of_a_spinning_throw(graph):
     turned = [0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)]
     graph.sim_node(
@@ -235,6 +236,7 @@ def test_reset_is_bit_identical_to_a_fresh_start(graph):
     assert bytes(clouds[-1].data) == expected.tobytes()
 
 
+@pytest.mark.oldest
 def test_points_say_what_has_become_permanent(graph):
     sim = graph.sim_node(ball__plasticity__creep=20.0, ball__plasticity__yield=0.02)
     clouds = graph.collect(PointCloud2, f'{SIM}/points')
@@ -322,6 +324,7 @@ def wrong_values(facts):
     return [facts.minimum - 1.0, 1e13, math.nan, math.inf, 'text', [0.5]]
 
 
+@pytest.mark.oldest
 def test_every_parameter_at_run_time(graph):
     sim = graph.sim_node(**SMALL)
     paused(graph)
@@ -350,6 +353,7 @@ def test_every_parameter_at_run_time(graph):
     assert world != parameters.make_scene({}).world
 
 
+@pytest.mark.oldest
 @pytest.mark.parametrize(
     ('name', 'value', 'sentence'),
     [
@@ -382,6 +386,7 @@ def test_pins_hold_and_let_go(graph):
     assert (sim._world.positions('ball')[:, 2] < held[:, 2] - 0.2).all()
 
 
+@pytest.mark.oldest
 @pytest.mark.parametrize(
     ('name', 'value', 'expected'),
     [('ball.mass', 2, 2.0), ('ball.position', [0, 0, 3], [0.0, 0.0, 3.0]), ('time_scale', 2, 2.0)],
@@ -392,6 +397,7 @@ def test_integers_are_taken_for_doubles(graph, name, value, expected):
     assert sim.get_parameter(name).value == expected
 
 
+@pytest.mark.oldest
 def test_integers_are_taken_for_doubles_at_start(graph):
     sim = graph.sim_node(**SMALL, ball__mass=3, gravity__direction=[0, 0, -2], bodies=['ball'])
     assert sim.get_parameter('ball.mass').value == 3.0
@@ -432,6 +438,7 @@ def test_gravity_and_obstacles_change_live(graph):
     graph.spin_until(lambda: sim._world.positions('ball')[:, 2].min() >= 10.0)
 
 
+@pytest.mark.oldest
 def test_descriptors_reach_the_tools(graph):
     graph.sim_node(**SMALL)
     mass, mode = graph.describe_parameters(SIM, ['ball.mass', 'ball.mode'])

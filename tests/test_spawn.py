@@ -23,8 +23,6 @@ from softbody_ros.ros.messages import POINT_TYPE
 from softbody_ros.ros.simulation_interfaces import SCOPE_ALL, Simulation
 from softbody_ros.scene import parameters
 
-pytestmark = pytest.mark.oldest
-
 SIM = '/softbody_sim'
 SMALL = {'ball__subdivisions': 1}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -357,6 +355,7 @@ def test_numbers_in_clouds_are_stable_and_the_rest_mesh_comes_anew(graph, sim):
     require_agreement(sim)
 
 
+@pytest.mark.oldest
 def test_markers_and_topics_of_the_gone_go(graph, sim):
     values = {'bodies': ['ball', 'cube'], **CUBE, 'obstacles': ['ground', 'post']}
     assert set_atomically(graph, {**values, 'post.type': 'box'}).successful
@@ -591,6 +590,7 @@ def simulation_of(sim):
     )
 
 
+@pytest.mark.oldest
 def test_the_standard_spawns_and_deletes_by_the_same_parameters(graph, sim):
     simulation = simulation_of(sim)
     assert graph.set_parameter(SIM, 'cube.size', 0.125).successful

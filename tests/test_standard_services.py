@@ -314,10 +314,8 @@ def test_a_twist_lets_the_body_move_as_a_whole(scene):
 
 
 def test_a_sleeping_body_wakes_when_it_is_moved(scene):
-    for _ in range(60):  # a ball of 42 vertices rolls for long
-        scene.world.step(240)
-        if scene.world.is_asleep('left'):
-            break
+    scene.request({'left.mode': 'rigid'})  # a soft ball of 42 vertices rolls for long
+    scene.world.step(480)
     assert scene.world.is_asleep('left')
     scene.simulation.set_entity_state('left', pose=(HERE, (0.0, 0.0, 0.0, 1.0)))
     assert not scene.world.is_asleep('left')

@@ -130,12 +130,14 @@ def test_a_folder_that_cannot_be_written_to_is_noticed(environment, tmp_path):
     ('module', 'changes', 'reason'),
     [
         ('softbody_ros', {'HOME': NOWHERE}, f'{NOWHERE}/.ros/log cannot be used (Not a dir'),
-        ('softbody_ros', {'HOME': None}, '~/.ros/log cannot be used (HOME is not set)'),
-        ('softbody_ros', {'ROS_LOG_DIR': NOWHERE}, f'{NOWHERE} cannot be used (Not a directory)'),
         ('softbody_ros.viewer', {'HOME': None}, '~/.ros/log cannot be used (HOME is not set)'),
-        pytest.param(
-            'softbody_ros', {'ROS_HOME': NOWHERE}, f'{NOWHERE}/log cannot be used',
-            marks=pytest.mark.slow,
+        *(
+            pytest.param('softbody_ros', changes, reason, marks=pytest.mark.slow)
+            for changes, reason in [
+                ({'HOME': None}, '~/.ros/log cannot be used (HOME is not set)'),
+                ({'ROS_LOG_DIR': NOWHERE}, f'{NOWHERE} cannot be used (Not a directory)'),
+                ({'ROS_HOME': NOWHERE}, f'{NOWHERE}/log cannot be used'),
+            ]
         ),
     ],
 )  # fmt: skip

@@ -8,8 +8,6 @@ import pytest
 from softbody_ros.core import BodyConfig, SimulationError, World, WorldConfig
 from softbody_ros.timeline.stepper import CATCH_UP, LARGEST_LAG, SLICE, Stepper
 
-pytestmark = pytest.mark.oldest
-
 START = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
 RATES = {'points': 60.0, 'mesh': 30.0}

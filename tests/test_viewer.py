@@ -468,7 +468,9 @@ def test_an_address_for_all_machines_is_said_as_one_that_opens(graph):
         assert page.status == 200
 
 
-@pytest.mark.parametrize('end', [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    'end', [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL]
+)
 def test_the_node_brings_its_viewer_along(graph, end):
     # no other test gets that port
     port = str(browser_of_tests.free_port())

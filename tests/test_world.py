@@ -38,8 +38,6 @@ from softbody_ros.core import (
 )
 from softbody_ros.core.body import IDENTITIES, identities
 
-pytestmark = pytest.mark.oldest
-
 MODES = ('rigid', 'linear', 'quadratic')
 
 
@@ -115,6 +113,7 @@ def test_no_ticks_change_nothing():
     assert whole_state(world) == before
 
 
+@pytest.mark.oldest
 def test_a_restored_snapshot_continues_bit_by_bit():
     world = World(busy_config())
     world.step(60)
@@ -143,6 +142,7 @@ def test_reset_is_a_fresh_start():
     assert whole_state(world) == whole_state(fresh)
 
 
+@pytest.mark.oldest
 def test_queries_hand_out_copies():
     world = World(busy_config())
     before = whole_state(world)
@@ -157,6 +157,7 @@ def test_queries_hand_out_copies():
 
 
 # ------------------------------------------------------------------------------------- velocities
+@pytest.mark.oldest
 @pytest.mark.parametrize('mode', MODES)
 def test_applying_the_initial_velocity_keeps_the_shape(mode):
     linear, angular = np.array([1.0, -2.0, 3.0]), np.array([0.5, 4.0, -1.0])
@@ -184,6 +185,7 @@ def test_applying_the_initial_velocity_keeps_the_shape(mode):
     assert world.rigid_fit('body').angular_velocity == pytest.approx(angular, abs=1e-9)
 
 
+@pytest.mark.oldest
 def test_bodies_start_with_their_initial_velocity():
     world = World(busy_config())
     assert world.rigid_fit('c').angular_velocity == pytest.approx([1.0, 2.0, 3.0])
@@ -191,6 +193,7 @@ def test_bodies_start_with_their_initial_velocity():
 
 
 # -------------------------------------------------------------------------------------- configure
+@pytest.mark.oldest
 @pytest.mark.parametrize(
     'values',
     [
@@ -299,6 +302,7 @@ def test_the_snapshot_of_an_obstacle_does_not_undo_a_later_change_of_its_paramet
 
 
 # ---------------------------------------------------------------------------------------- queries
+@pytest.mark.oldest
 def test_a_misspelt_body_is_answered_with_the_nearest_name():
     world = World(WorldConfig())
     for query in (world.positions, world.velocities, world.rigid_fit, world.body_config):
@@ -308,6 +312,7 @@ def test_a_misspelt_body_is_answered_with_the_nearest_name():
         world.positions('zzz')
 
 
+@pytest.mark.oldest
 @pytest.mark.parametrize(
     'mesh', [sheared_box(), cad_mesh('power_connector'), 'capsule'], ids=['box', 'CAD', 'capsule']
 )
@@ -326,6 +331,7 @@ def test_the_fit_at_the_start_is_the_pose_of_the_config(mesh):
     assert world.positions('body') == pytest.approx(expected)
 
 
+@pytest.mark.oldest
 def test_the_fitted_twist_is_that_of_the_origin_of_a_spinning_body():
     spin, linear = np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 0.0])
     world = floating(
@@ -347,11 +353,13 @@ def test_the_fitted_twist_is_that_of_the_origin_of_a_spinning_body():
     assert moved == pytest.approx(fit.linear_velocity, abs=2e-3)
 
 
+@pytest.mark.oldest
 def test_the_fitted_angular_velocity_of_flat_bodies_is_finite():
     world = floating(body(sheet(), initial_velocity_angular=(1.0, 2.0, 3.0)))
     assert world.rigid_fit('body').angular_velocity == pytest.approx([1.0, 2.0, 3.0])
 
 
+@pytest.mark.oldest
 def test_displacement_is_the_distance_from_the_fitted_pose():
     world = World(busy_config())
     world.step(90)
@@ -395,6 +403,7 @@ def test_a_failing_batch_does_not_let_the_others_go_on():
     assert np.array_equal(world.positions('a'), before)
 
 
+@pytest.mark.oldest
 @pytest.mark.parametrize('exponent', range(10, 300, 10))
 def test_no_speed_however_large_leaves_a_number_that_is_not_finite(exponent):
     world = World(WorldConfig(bodies=(BodyConfig(name='a', mesh='box', subdivisions=0),)))
@@ -427,6 +436,7 @@ def run_python(code):
     return done.stdout
 
 
+@pytest.mark.oldest
 def test_the_core_imports_and_runs_without_ros():
     code = """
 import importlib.abc, sys
@@ -450,6 +460,7 @@ print(world.positions('ball').shape, [name for name in sys.modules if of_ros(nam
     assert run_python(code).strip() == '(642, 3) []'
 
 
+@pytest.mark.slow  # in test_determinism they are compared in every tick, of more
 def test_another_process_computes_the_same_bits():
     code = """
 import hashlib
@@ -471,6 +482,7 @@ def test_loading_kernels_changes_no_bit():
 
 
 # ----------------------------------------------------------------------------------- identities
+@pytest.mark.oldest
 def test_no_two_names_have_the_same_number_in_any_order():
     numbers = {}
     while True:  # of half a million numbers, two of a thousand names or so coincide
