@@ -249,6 +249,7 @@ def test_a_helper_becomes_machine_code_only_as_a_part_of_kernels():
     assert not machine_code.is_symbol_defined(part.fndesc.mangled_name)
 
 
+@pytest.mark.oldest
 @pytest.mark.skipif(not compiled.is_compiled(), reason='nothing is compiled')
 def test_only_helpers_that_make_or_return_arrays_count_references():
     @compiled.helper
@@ -287,6 +288,7 @@ def test_only_helpers_that_make_or_return_arrays_count_references():
     }  # fmt: skip
 
 
+@pytest.mark.oldest
 @pytest.mark.skipif(not compiled.is_compiled(), reason='nothing is compiled')
 def test_ticks_free_all_memory_that_they_take():
     from numba.core.runtime import _nrt_python, rtsys
