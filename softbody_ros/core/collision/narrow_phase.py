@@ -12,15 +12,18 @@ it may have passed through, the face is that where its path enters.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from softbody_ros.core.collision.colliders import Colliders
+from softbody_ros.core.collision.collision_surface import SurfaceArrays
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.geometry.bvh import Trees, closest_face, signed_distance_from_mesh
 from softbody_ros.core.geometry.vectors import (
     NO_MATRIX,
     ZERO,
+    Matrix,
     Vector,
     along,
     applied,
@@ -66,12 +69,20 @@ CONTACT = np.dtype(
 """A contact of a particle with a face of another body, or of its own; or of two edges."""
 
 
+class RestFrame(NamedTuple):
+    """How positions become such in the rest shape of a piece of a body: by the inverse match."""
+
+    map: Matrix
+    place: Vector
+    """m"""
+    origin: Vector
+    """m"""
+
+
 @helper
 def find_contacts(colliders: Colliders, candidates: np.ndarray, contacts: np.ndarray) -> int:
     """
     Write the candidates in reach of faces, and return their number.
-
-    The query point is offset inwards: corners of equal stacked boxes lie exactly on edges.
 
     Parameters
     ----------
@@ -81,97 +92,173 @@ def find_contacts(colliders: Colliders, candidates: np.ndarray, contacts: np.nda
         written
 
     """
-    bodies, chosen, shapes, x = (
-        colliders.bodies, colliders.chosen, colliders.shapes, colliders.x
-    )  # fmt: skip
-    surfaces, faces, trees = (
-        colliders.surfaces.surfaces, colliders.surfaces.faces, colliders.surfaces.trees
-    )  # fmt: skip
-    found = 0
-    last_other, last_piece = -1, -1
-    to_rest, match_place, origin = NO_MATRIX, ZERO, ZERO
+    bodies, chosen = colliders.bodies, colliders.chosen
+    found, last_other, last_piece = 0, -1, -1
+    frame = RestFrame(NO_MATRIX, ZERO, ZERO)
     for candidate in candidates:
         owner, other, piece = candidate['body'], candidate['other'], candidate['piece']
         body = bodies[chosen[other]]
-        shape, surface = shapes[body['shape']], surfaces[body['shape']]
+        surface = colliders.surfaces.surfaces[body['shape']]
         if not surface['closed']:
             continue
         if other != last_other or piece != last_piece:
             last_other, last_piece = other, piece
-            match = body['first_match'] + (1 + piece if body['regions'] > 0 else 0)
-            to_rest = inverse(matrix_of(colliders.match_posture[match]))
-            match_place = vector_of(colliders.match_centre[match])
-            first_origin = surfaces[body['matched']]['first_origin']
-            origin = vector_of(colliders.surfaces.origins[first_origin + piece])
-        is_movable = owner < len(chosen)
-        particle = candidate['particle']
-        point, inwards = vector_of(candidate['point']), ZERO
-        if is_movable:
-            inwards = minus(vector_of(bodies[chosen[owner]]['centre']), point)
-        half, scale = 1 - body['now'], shape['scale']
-        reach = candidate['reach'] + body['reach'] - candidate['allowance'] * scale
-        outwards = ZERO
-        if is_movable and surface['pieces'] == 1:
-            outwards = outward_normal(colliders, bodies[chosen[owner]], particle)
-
-        touches, inset = False, LOOKUP_INSET
-        face, height, normal, barycentric = -1, 0.0, ZERO, ZERO
-        for attempt in range(2):
-            lookup = minus(along(point, inset, inwards), match_place)
-            lookup = plus(applied(to_rest, lookup), origin)
-            row, _, _, _ = closest_face(trees, surface['tree'], lookup, np.inf)
-            if row < 0:  # not a number
-                break
-            face = trees[2][row]['index']
-            corners = faces[surface['first_face'] + face]
-            if attempt == 0 and surface['pieces'] > 1:
-                if colliders.surfaces.piece_of_face[surface['first_face'] + face] != piece:
-                    break
-                if owner == other and are_neighbours(colliders, body, corners, particle):
-                    break
-            height, normal, barycentric = height_over_face(point, x, half, body, corners)
-            # a face that has collapsed to a line has no normal
-            touches = height < reach and dot(normal, normal) > 0.5
-            passing = (
-                touches
-                and height < -PASSING_DEPTH * scale
-                and dot(outwards, normal) > PASSING_COSINE
-            )
-            if not passing:
-                break
-            inset = PASSING_INSET
-        if touches and is_movable and surface['pieces'] == 1:
-            way = way_past(x, bodies[chosen[owner]], particle, body, point)
-            fast = surface['thinness'] * surface['thinness']
-            if dot(way, way) > fast and dot(way, normal) > 0.0:
-                # it leaves here, so it may have come in elsewhere
-                end = plus(applied(to_rest, minus(point, match_place)), origin)
-                start = minus(end, applied(to_rest, way))
-                enters, entry = entry_of(trees, surface['tree'], start, end, surface['thinness'])
-                if enters:
-                    row, _, _, _ = closest_face(trees, surface['tree'], entry, np.inf)
-                    face = trees[2][row]['index']
-                    corners = faces[surface['first_face'] + face]
-                    height, normal, barycentric = height_over_face(point, x, half, body, corners)
-                    touches = height < reach and dot(normal, normal) > 0.5
+            frame = rest_frame(colliders, body, piece)
+        touches, face, depth, normal, barycentric = touched_face(colliders, candidate, body, frame)
         if not touches:
             continue
-
         contact = contacts[found]
         contact['body'], contact['other'], contact['edges'] = owner, other, -1
-        contact['particles'][0] = particle
-        if is_movable:
+        contact['particles'][0] = candidate['particle']
+        if owner < len(chosen):
             contact['particles'][0] += bodies[chosen[owner]]['first']
         contact['coefficients'][0] = 1.0
-        corners = faces[surface['first_face'] + face]
+        corners = colliders.surfaces.faces[face]
         for corner in range(3):
             contact['particles'][1 + corner] = body['first'] + corners[corner]
             contact['coefficients'][1 + corner] = -barycentric[corner]
-        put_vector(contact['point'], point)
+        put_vector(contact['point'], vector_of(candidate['point']))
         put_vector(contact['normal'], normal)
-        contact['depth'] = reach - height
+        contact['depth'] = depth
         found += 1
     return found
+
+
+@helper
+def rest_frame(colliders: Colliders, body: np.void, piece: int) -> RestFrame:
+    """Return the frame of the rest shape of a piece."""
+    match = body['first_match'] + (1 + piece if body['regions'] > 0 else 0)
+    first_origin = colliders.surfaces.surfaces[body['matched']]['first_origin']
+    return RestFrame(
+        inverse(matrix_of(colliders.match_posture[match])),
+        vector_of(colliders.match_centre[match]),
+        vector_of(colliders.surfaces.origins[first_origin + piece]),
+    )
+
+
+@helper
+def in_rest_shape(frame: RestFrame, point: Vector) -> Vector:
+    """Return a position in the frame of a rest shape, m."""
+    return plus(applied(frame.map, minus(point, frame.place)), frame.origin)
+
+
+@helper
+def nearest_face(surfaces: SurfaceArrays, surface: np.void, point: Vector) -> int:
+    """Return the face of a rest shape nearest to a point of it; −1 if that is not a number."""
+    row, _, _, _ = closest_face(surfaces.trees, surface['tree'], point, np.inf)
+    return surface['first_face'] + surfaces.trees[2][row]['index'] if row >= 0 else -1
+
+
+@helper
+def touched_face(
+    colliders: Colliders, candidate: np.void, body: np.void, frame: RestFrame
+) -> tuple[bool, int, float, Vector, Vector]:
+    """
+    Return whether a candidate touches a body, and where.
+
+    The query point is offset inwards: corners of equal stacked boxes lie exactly on edges.
+
+    Parameters
+    ----------
+    colliders : Colliders
+    candidate : CANDIDATE
+    body : BODY
+        with a closed surface
+    frame : RestFrame
+        of the piece of that
+
+    Returns
+    -------
+    touches : bool
+    face : int
+        of all faces
+    depth : float
+        by which the distance is less than both reaches, m
+    normal, barycentric : vector
+        of the face, and where on it
+
+    """
+    x, surfaces, surface = (
+        colliders.x, colliders.surfaces, colliders.surfaces.surfaces[body['shape']]
+    )  # fmt: skip
+    owner, particle, half = candidate['body'], candidate['particle'], 1 - body['now']
+    scale, point = colliders.shapes[body['shape']]['scale'], vector_of(candidate['point'])
+    reach = candidate['reach'] + body['reach'] - candidate['allowance'] * scale
+    inwards = outwards = ZERO
+    passes = owner < len(colliders.chosen) and surface['pieces'] == 1
+    if owner < len(colliders.chosen):
+        own = colliders.bodies[colliders.chosen[owner]]
+        inwards = minus(vector_of(own['centre']), point)
+        if passes:
+            outwards = outward_normal(colliders, own, particle)
+
+    touches, inset = False, LOOKUP_INSET
+    face, height, normal, barycentric = -1, 0.0, ZERO, ZERO
+    for attempt in range(2):
+        near = nearest_face(surfaces, surface, in_rest_shape(frame, along(point, inset, inwards)))
+        if near < 0:
+            break
+        face, corners = near, surfaces.faces[near]
+        if attempt == 0 and surface['pieces'] > 1:
+            if surfaces.piece_of_face[face] != candidate['piece']:
+                break
+            if owner == candidate['other'] and are_neighbours(colliders, body, corners, particle):
+                break
+        height, normal, barycentric = height_over_face(point, x, half, body, corners)
+        # a face that has collapsed to a line has no normal
+        touches = height < reach and dot(normal, normal) > 0.5
+        passing = (
+            touches and height < -PASSING_DEPTH * scale and dot(outwards, normal) > PASSING_COSINE
+        )
+        if not passing:
+            break
+        inset = PASSING_INSET
+    if touches and passes:
+        own = colliders.bodies[colliders.chosen[owner]]
+        way = way_past(x, own, particle, body, point)
+        entered = face_of_entry(surfaces, surface, frame, point, way, normal)
+        if entered >= 0:
+            face, corners = entered, surfaces.faces[entered]
+            height, normal, barycentric = height_over_face(point, x, half, body, corners)
+            touches = height < reach and dot(normal, normal) > 0.5
+    return touches, face, reach - height, normal, barycentric
+
+
+@helper
+def face_of_entry(
+    surfaces: SurfaceArrays,
+    surface: np.void,
+    frame: RestFrame,
+    point: Vector,
+    way: Vector,
+    normal: Vector,
+) -> int:
+    """
+    Return the face where a particle may have entered that is so fast that it may have passed.
+
+    Parameters
+    ----------
+    surfaces, surface : SurfaceArrays, SURFACE
+    frame : RestFrame
+    point, way : vector
+        position of the particle, and its displacement in the tick relative to the body, m
+    normal : vector
+        of the nearest face
+
+    Returns
+    -------
+    int
+        −1 if it has not entered elsewhere
+
+    """
+    thinness = surface['thinness']
+    if not dot(way, way) > thinness * thinness or not dot(way, normal) > 0.0:
+        return -1
+    # it leaves here, so it may have come in elsewhere
+    end = in_rest_shape(frame, point)
+    start = minus(end, applied(frame.map, way))
+    enters, entry = entry_of(surfaces.trees, surface['tree'], start, end, thinness)
+    return nearest_face(surfaces, surface, entry) if enters else -1
 
 
 @helper

@@ -223,7 +223,7 @@ def find_missed(
     ----------
     bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces, met
         see `find_rows`; positions at the end of the tick
-    needed : (6,) int
+    needed : (7,) int
         of the workspace
 
     """
