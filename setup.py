@@ -32,7 +32,7 @@ setup(
     install_requires=[
         # 0.59 is the first one for Python 3.12; 0.68 needs numpy<2.6 and refuses newer ones when
         # it is imported: raise both bounds together
-        'numba>=0.59',
+        'numba>=0.61',
         'numpy>=1.26,<2.6',
         'scipy>=1.11',
         'trimesh>=4.0',
