@@ -537,7 +537,9 @@ def test_a_file_is_replaced_when_the_new_one_is_whole(tmp_path):
     assert os.listdir(tmp_path) == ['film.npz']
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_a_signal_leaves_no_half_file(tmp_path, number):
     older = tmp_path / 'film.usdc'
     older.write_text('older')

@@ -389,7 +389,9 @@ def test_compiling_can_be_stopped(tmp_path):
     assert said[1:] == ['False 6 False']
 
 
-@pytest.mark.parametrize('signal_number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    'signal_number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_a_signal_while_the_node_compiles_ends_it_cleanly(graph, tmp_path, signal_number):
     process = graph.process(environment={'NUMBA_CACHE_DIR': str(tmp_path)})
     assert 'compiling the simulator for this machine, once' in process.stderr.readline()
