@@ -481,6 +481,35 @@ def test_loading_kernels_changes_no_bit():
     assert whole_state(world) == whole_state(untouched)
 
 
+def test_loaded_kernels_are_all_that_bodies_need_to_meet_to_rest_and_to_sleep():
+    code = """
+from softbody_ros.core import BodyConfig, ObstacleConfig, World, WorldConfig
+from softbody_ros.core.compiled import kernels
+def loaded():
+    return {name for name, kernel in kernels.items() if getattr(kernel, 'overloads', None)}
+ground = ObstacleConfig(name='ground')
+finger = ObstacleConfig(name='finger', type='sphere', position=(9.0, 0.0, 0.0))
+box = BodyConfig(name='box', mesh='box', mode='rigid')
+falling = [
+    BodyConfig(
+        name=f'body{number}', mesh='box', mode='rigid' if number % 2 else 'linear',
+        position=(0.0, 0.01 * number, 0.5 + 2.0 * number),
+        initial_velocity_linear=(0.0, 0.0, -10.0),
+    )
+    for number in range(5)
+]
+for bodies, ticks in (((box,), 500), (falling, 300)):
+    world = World(WorldConfig(bodies=tuple(bodies), obstacles=(ground, finger)))
+    world.load_kernels()
+    before = loaded()
+    world.step(ticks)
+    world.move_obstacle('finger', (9.0, 0.0, 0.0), linear=(0.0, 0.0, 0.1))
+    world.step(ticks)
+    print(sorted(loaded() - before))
+"""
+    assert run_python(code).split() == ['[]', '[]']
+
+
 # ----------------------------------------------------------------------------------- identities
 @pytest.mark.oldest
 def test_no_two_names_have_the_same_number_in_any_order():

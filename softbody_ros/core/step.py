@@ -164,6 +164,13 @@ class Integrator:
         )  # fmt: skip
         state.contact_memory = memory
 
+    def load_kernels(self, environment: Environment) -> None:
+        """Run what a tick runs only where bodies have been pushed far."""
+        if self._any_pairs:
+            every = np.arange(len(self._state.bodies))
+            self._misses(every, environment, np.empty(0, np.int64))
+            self._state.bodies['pushed'] = 0.0
+
     def fly(self, chosen: np.ndarray, gravity: np.ndarray, h: float) -> None:
         """Move bodies (c,) as they fly without contacts."""
         state, kinds, failed = self._state, self._chosen(chosen), 0

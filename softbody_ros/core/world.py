@@ -221,11 +221,19 @@ class World:
             self._step()
 
     def load_kernels(self) -> None:
-        """Take a tick and undo it: what it compiles, or loads, does not delay the first one."""
+        """
+        Take a tick and undo it: what it compiles, or loads, does not delay the first one.
+
+        Nor those in which bodies meet for the first time, or may fall asleep.
+        """
         saved = self.snapshot()
         with suppress(SimulationError):
             self._step()
         self._update_sleep()
+        boxes = self._boxes()
+        sleeping.islands(len(self._bodies), *overlapping(*boxes))
+        self._inputs.points.touched(*boxes)
+        self._integrator.load_kernels(self._environment_of(self.obstacles, self._inputs))
         if self._bodies:
             self.rigid_fit(self.names[0])
         self.restore(saved)
