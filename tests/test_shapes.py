@@ -157,18 +157,20 @@ def test_the_table_writes_what_has_changed_and_keeps_the_rest():
     still, ball = obstacle_of('mesh'), obstacle_of('sphere', velocity_linear=(1.0, 0.0, 0.0))
     records, trees = table.refresh((still, ball))
     assert len(trees[0]) == 1 and records['tree'].tolist() == [0, -1]
-    for _ in range(3):
+    for age in (1, 2, 2):
         before, ball = ball, moved(ball, 0.1)
-        assert moved(still, 0.1) is still
+        known, still = still, moved(still, 0.1)
+        assert (still is known) == (known.age == 2) and still.age == age
         again, same_trees = table.refresh((still, ball))
         assert again is records and same_trees is trees
         assert records['moved'].tolist() == [False, True]
+        assert records['is_placed'].tolist() == [age < 2] * 2
         assert np.array_equal(records['position'][1], ball.position)
         assert np.array_equal(records['position_before'][1], before.position)
     larger = placed(ObstacleConfig(name='it', type='sphere', size=(0.9, 1, 1)))
     table.refresh((still, larger))
     assert records['bounding_radius'][1] == 0.9
-    assert not records['moves'][1] and not records['moved'][1]
+    assert not records['moves'][1] and not records['moved'][1] and records['is_placed'][1]
 
 
 def test_a_table_with_other_obstacles_is_as_a_new_one():

@@ -52,7 +52,8 @@ try:
     from numba.core.registry import cpu_target
 
     if numba.version_info.short < OLDEST:
-        raise ImportError(f'it is {numba.__version__} and must be at least 0.61')
+        oldest = '.'.join(map(str, OLDEST))
+        raise ImportError(f'it is {numba.__version__} and must be at least {oldest}')
 except Exception as error:
     # ImportError: not installed, or NumPy is newer than it knows; OSError: LLVM cannot be loaded.
     # Either way simulations run, and `notice` says why they are slow: a library must not end a

@@ -130,7 +130,7 @@ class DynamicObstacle:
 
     def moved(self, h: float) -> DynamicObstacle:
         """Return it after h seconds."""
-        if not self.obstacle.moves:
+        if not self.obstacle.moves and self.obstacle.age == obstacles.SETTLED:
             return self
         return dataclasses.replace(self, obstacle=obstacles.moved(self.obstacle, h))
 
@@ -223,7 +223,9 @@ class ExternalInputs:
 
     @cached_property
     def _moves(self) -> bool:
-        return any(obstacle.moves for obstacle in self.obstacles)
+        return any(
+            obstacle.moves or obstacle.age < obstacles.SETTLED for obstacle in self.obstacles
+        )
 
     @property
     def nbytes(self) -> int:
@@ -370,6 +372,8 @@ def _placed(
     if item.twist is None and before is not None:
         velocity = _velocity(before, item, longest_gap)
     obstacle = obstacles.placed(_moving(item.config, *velocity))
+    if before is not None:
+        obstacle = obstacles.continued(obstacle, before.obstacle)
     return DynamicObstacle(
         obstacle,
         item.stamp,

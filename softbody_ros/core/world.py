@@ -917,7 +917,8 @@ class World:
     def _put_obstacles(self, present: tuple[Obstacle, ...]) -> None:
         self._obstacles = present
         self._obstacles_move = any(
-            obstacle.moves or obstacle.before is not None for obstacle in present
+            obstacle.moves or obstacle.before is not None or obstacle.age < obstacles.SETTLED
+            for obstacle in present
         )
 
     def _replace_obstacle(self, index: int, new: Obstacle) -> None:
@@ -1304,7 +1305,7 @@ class World:
         if obstacles.is_same(current, new):
             return
         self.config = self.config.with_obstacle(index, config)
-        self._replace_obstacle(index, new)
+        self._replace_obstacle(index, obstacles.continued(new, current))
 
     def move_pins(
         self, name: str, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0)

@@ -40,6 +40,7 @@ POINT_SET = np.dtype(
         ('surface_velocity', np.float64, (3,)),  # in axes of the world, m/s
         ('friction', np.float64),  # negative: that of the body
         ('elasticity', np.float64),
+        ('is_placed', np.bool_),  # see `OBSTACLE`; of a cloud always
     ],
     align=True,
 )
@@ -94,6 +95,7 @@ class FixedPoints:
         sets['obstacle'] = [len(obstacles), *numbers]
         sets['allowance'][1:] = EDGE_ALLOWANCE
         sets['friction'] = sets['elasticity'] = -1.0
+        sets['is_placed'] = True
         self._local, self._sets = np.concatenate(points), sets[0 if len(cloud) else 1 :]
         self._points, self._order = self._local.copy(), np.zeros(len(self._local), np.int64)
 
@@ -136,6 +138,7 @@ def place_edges(
         put_vector(point_set['surface_velocity'], surface_velocity)
         point_set['friction'] = record['friction']
         point_set['elasticity'] = record['elasticity']
+        point_set['is_placed'] = record['is_placed']
         first, count = point_set['first'], point_set['count']
         if matrix_of(point_set['rotation']) != rotation:
             put_matrix(point_set['rotation'], rotation)

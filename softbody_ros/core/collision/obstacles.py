@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
@@ -60,6 +61,10 @@ from softbody_ros.core.geometry.vectors import (
 from softbody_ros.core.kinematic_tree import MOTION
 from softbody_ros.core.shape_matching.free_rotation import rotation_by
 
+SAME = 1e-6
+"""Distance, m, and difference of rotations, up to which an obstacle is where it was."""
+SETTLED = 2
+"""Ticks after it was put somewhere from which on that is no matter of the tick before."""
 ROUNDING = 1e-9
 """Relative enlargement of the bounding box of an obstacle."""
 
@@ -80,6 +85,7 @@ OBSTACLE = np.dtype(
         ('rotation_before', np.float64, (3, 3)),
         ('rotation_change', np.float64),  # norm of the difference of the rotations
         ('moves', np.bool_),  # whether it has a velocity
+        ('is_placed', np.bool_),  # whether it was put elsewhere after the tick before
         ('linear', np.float64, (3,)),  # of its origin, m/s
         ('angular', np.float64, (3,)),  # rad/s
         ('surface_velocity', np.float64, (3,)),  # of its surface, in its own axes, m/s
@@ -106,6 +112,8 @@ class Obstacle:
     shape : Shape
     before : (position, rotation) or None
         at the tick before, if it has moved since
+    age : int
+        ticks since it was put where it is, or moves from, `SETTLED` at most
 
     """
 
@@ -114,6 +122,7 @@ class Obstacle:
     rotation: np.ndarray
     shape: Shape
     before: tuple[np.ndarray, np.ndarray] | None = None
+    age: int = 0
 
     @property
     def tree(self) -> SurfaceTree | None:
@@ -204,6 +213,16 @@ def placed_shape(config: ObstacleConfig, shape: Shape) -> Obstacle:
     return Obstacle(config, np.array(config.position), rotation, shape)
 
 
+def continued(obstacle: Obstacle, before: Obstacle) -> Obstacle:
+    """Return an obstacle, not as one that was put anywhere if it is where it was before."""
+    moved_by, turned_by = obstacle.position - before.position, obstacle.rotation - before.rotation
+    # component by component is faster than with arrays
+    change = max(map(abs, (*moved_by.tolist(), *turned_by.ravel().tolist())))
+    if obstacle.shape is not before.shape or change > SAME:
+        return obstacle
+    return dataclasses.replace(obstacle, age=before.age)
+
+
 @lru_cache(maxsize=1024)
 def _rotation_by(orientation: tuple[float, ...]) -> np.ndarray:
     return Rotation.from_quat(orientation).as_matrix()
@@ -224,17 +243,25 @@ def moved(obstacle: Obstacle, h: float) -> Obstacle:
     config = obstacle.config
     position, rotation = obstacle.position, obstacle.rotation
     if not obstacle.moves:
-        if obstacle.before is None:
+        if obstacle.before is None and obstacle.age == SETTLED:
             return obstacle
-        return Obstacle(config, position, rotation, obstacle.shape)
+        return _after(obstacle, position, rotation, moves=False)
     if any(config.velocity_angular):
         rotation_change = Rotation.from_rotvec(h * np.array(config.velocity_angular)).as_matrix()
         rotation = rotation_change @ rotation
     # component by component is faster than with arrays
     (x, y, z), (vx, vy, vz) = position.tolist(), config.velocity_linear
     position = np.array((x + h * vx, y + h * vy, z + h * vz))
-    before = obstacle.position, obstacle.rotation
-    return Obstacle(config, position, rotation, obstacle.shape, before)
+    return _after(obstacle, position, rotation, moves=True)
+
+
+def _after(
+    obstacle: Obstacle, position: np.ndarray, rotation: np.ndarray, moves: bool
+) -> Obstacle:
+    """Return an obstacle after a tick, at its pose then."""
+    before = (obstacle.position, obstacle.rotation) if moves else None
+    age = min(obstacle.age + 1, SETTLED)
+    return Obstacle(obstacle.config, position, rotation, obstacle.shape, before, age)
 
 
 def with_twist(
@@ -246,7 +273,7 @@ def with_twist(
     Not checked. `pose` is what its config says to be its last received one.
     """
     config = obstacle.config.with_values(velocity_linear=linear, velocity_angular=angular, **pose)
-    return Obstacle(config, obstacle.position, obstacle.rotation, obstacle.shape)
+    return dataclasses.replace(obstacle, config=config, before=None)
 
 
 def moved_together(moving: Sequence[Obstacle], h: float) -> list[Obstacle]:
@@ -258,7 +285,7 @@ def moved_together(moving: Sequence[Obstacle], h: float) -> list[Obstacle]:
     motions['angular'] = [each.config.velocity_angular for each in moving]
     _move(motions, h)
     return [
-        Obstacle(each.config, position, rotation, each.shape, (each.position, each.rotation))
+        _after(each, position, rotation, moves=True)
         for each, position, rotation in zip(
             moving, motions['position'].copy(), motions['rotation'].copy(), strict=True
         )
@@ -325,6 +352,7 @@ class ObstacleTable:
             if before is None or _surface_of(before) != _surface_of(obstacle):
                 _put_surface(record, obstacle)
             record['moved'] = obstacle.before is not None
+            record['is_placed'] = obstacle.age < SETTLED
             pose = (obstacle.position, obstacle.rotation)
             _put_pose(self._records, index, *pose, *(obstacle.before or pose))
         return self._records, self._packed

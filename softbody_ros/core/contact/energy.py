@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The softbody_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What kinetic energy contacts give to rigid bodies, and its bounds.
+What energy contacts give to bodies, and its bounds.
 
 Contacts give none but by the motion of what is touched. Four things could: simultaneous rebounds
 with friction, wedges that push out what is inside them, forces that are no solution, since none
 was found in time, and those on what is so thin that they turn it by more than a small angle in a
 tick, as a rod about its axis. Then the energy is bounded by a share of the rebounds, or of all
-impulses, in which it is quadratic.
+forces or impulses, in which it is quadratic.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper
 from softbody_ros.core.contact.members import add_impulses
-from softbody_ros.core.contact.rows import LINEARISED, RECOVERY, copy_record
+from softbody_ros.core.contact.problem import Problem, sum_forces
+from softbody_ros.core.contact.rows import LINEARISED, RECOVERY, copy_record, side_of
 from softbody_ros.core.geometry.vectors import (
     ZERO,
     along,
@@ -30,6 +31,7 @@ from softbody_ros.core.geometry.vectors import (
     norm,
     plus,
     put_vector,
+    scaled,
     transposed,
     vector_of,
 )
@@ -132,23 +134,79 @@ def any_inside(members: np.ndarray, rows: np.ndarray) -> bool:
 
 
 @helper
+def is_passive(row: np.void, members: np.ndarray) -> bool:
+    """
+    Return whether a contact gives no energy but by the motion of what is touched.
+
+    What pins hold, or was put somewhere, may be anywhere at once, whatever that takes.
+    """
+    for side in range(2):
+        index, _ = side_of(row, side)
+        if index >= 0 and members[index]['has_pins']:
+            return False
+    return not row['is_placed']
+
+
+@helper
+def are_passive(members: np.ndarray, rows: np.ndarray) -> bool:
+    """Return whether all contacts are."""
+    for k in range(len(rows)):
+        if not is_passive(rows[k], members):
+            return False
+    return True
+
+
+@helper
+def any_tolerated(rows: np.ndarray) -> bool:
+    """Return whether something was found inside something, and gets out."""
+    for k in range(len(rows)):
+        if rows[k]['tolerated'] > 0.0:
+            return True
+    return False
+
+
+@helper
+def parting_work(member: np.void) -> float:
+    """Return the work that gets a body out of what it is inside, in one tick, J."""
+    speed = RECOVERY * member['scale']
+    return 2.0 * member['mass'] * speed * speed
+
+
+@helper
+def share_for(a: float, b: float, most: float) -> float:
+    """Return the share s of forces up to 1 for which a s + b s² is at most so much; b ≥ 0."""
+    root = math.sqrt(max(a * a + 4.0 * b * most, 0.0))
+    return min(2.0 * most / (a + root), 1.0) if a + b > most else 1.0
+
+
+@helper
+def scale_forces(problem: Problem, share: float) -> None:
+    """Take a share of all forces."""
+    for k in range(len(problem.rows)):
+        force = problem.rows[k]['force']
+        put_vector(force, scaled(share, vector_of(force)))
+    sum_forces(problem)
+
+
+@helper
 def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float, h: float) -> float:
     """
     Return the energy, J, with which bodies can leave obstacles: at twice their speed faster.
 
-    What is found inside something leaves it with a speed of its own; and next to no speed, as of
-    what is held without room, is tolerated.
+    What is inside something leaves it with a speed of its own, but no faster than it is already;
+    and next to no speed, as of what is held without room, is tolerated.
     """
-    fastest = mass = 0.0
+    fastest = parting = mass = 0.0
     for k in range(len(rows)):
         row = rows[k]
         fastest = max(fastest, LINEARISED * members[row['one']]['scale'] / h)
         fastest = max(fastest, norm(vector_of(row['other_velocity'])))
         if row['tolerated'] > 0.0:
-            fastest = max(fastest, 0.5 * RECOVERY * members[row['one']]['scale'])
+            parting = max(parting, 0.5 * RECOVERY * members[row['one']]['scale'])
     for number in range(len(members)):
         mass += members[number]['mass']
-    root = math.sqrt(energy) + math.sqrt(2.0 * mass) * fastest
+    root = max(math.sqrt(energy), math.sqrt(2.0 * mass) * parting)
+    root += math.sqrt(2.0 * mass) * fastest
     return root * root
 
 

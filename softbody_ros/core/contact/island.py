@@ -125,6 +125,18 @@ def touched_particles(island: Island, problem: Problem) -> np.ndarray:
 
 
 @helper
+def is_large(island: Island) -> bool:
+    """Return whether an island gets sweeps only: that it is not solved to tolerance is usual."""
+    return len(island.problem.filled) < len(island.members)
+
+
+@helper
+def is_unsolved(island: Island) -> bool:
+    """Return whether no solution was found where it usually is."""
+    return island.work[UNSOLVED] > 0 and not is_large(island)
+
+
+@helper
 def solved(problem: Problem, tolerance: float, island: Island) -> float:
     """Solve a problem of an island and count what that takes; return the residual."""
     work = island.work

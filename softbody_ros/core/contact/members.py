@@ -371,15 +371,23 @@ def place(members: np.ndarray, y: np.ndarray) -> None:
         member, own = members[number], y[number]
         size = member['response'][0] / math.sqrt(member['mass'])
         put_vector(member['shift'], scaled(size, (own[0], own[1], own[2])))
-        angle = applied(matrix_of(member['root']), scaled(size, (own[3], own[4], own[5])))
         if member['is_soft']:
             put_fit(member, own, 1.0, False, member['fit'])
-            turning = ZERO
-            for k in range(member['features']):
-                contained = cross(vector_of(member['shape'][k]), vector_of(member['fit'][k]))
-                turning = plus(turning, contained)
-            angle = minus(angle, applied(matrix_of(member['inverse_inertia']), turning))
-        put_matrix(member['rotation'], rotation_by_vector(angle))
+        put_matrix(member['rotation'], rotation_by_vector(angle_of(member, own)))
+
+
+@helper
+def angle_of(member: np.void, y: np.ndarray) -> Vector:
+    """Return the vector by which a body turns by the amplitudes of its modes and its fit, rad."""
+    size = member['response'][0] / math.sqrt(member['mass'])
+    angle = applied(matrix_of(member['root']), scaled(size, (y[3], y[4], y[5])))
+    if member['is_soft']:
+        turning = ZERO
+        for k in range(member['features']):
+            contained = cross(vector_of(member['shape'][k]), vector_of(member['fit'][k]))
+            turning = plus(turning, contained)
+        angle = minus(angle, applied(matrix_of(member['inverse_inertia']), turning))
+    return angle
 
 
 @helper

@@ -112,6 +112,7 @@ def remember_overlaps(
             remembered[kept]['key'] = key_of_pair(bodies[one]['id'], bodies[two]['id'])
             put_vector(remembered[kept]['force'], ZERO)
             remembered[kept]['tolerated'] = remembered[kept]['gap'] = 0.0
+            remembered[kept]['depth'] = 0.0
             kept += 1
     return kept
 

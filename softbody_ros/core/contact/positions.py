@@ -23,9 +23,24 @@ from softbody_ros.core.body import QUADRATIC_FEATURES
 from softbody_ros.core.collision.obstacle_contacts import SAME_SIDE, distance_on_side_of_entry
 from softbody_ros.core.collision.shapes import MESH, PLANE
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.contact.island import Island, first_rows, solved, touched_particles
+from softbody_ros.core.contact.energy import (
+    any_tolerated,
+    are_passive,
+    parting_work,
+    scale_forces,
+    share_for,
+)
+from softbody_ros.core.contact.island import (
+    Island,
+    first_rows,
+    is_large,
+    is_unsolved,
+    solved,
+    touched_particles,
+)
 from softbody_ros.core.contact.members import (
     add_to_mean,
+    angle_of,
     combination,
     end_base,
     end_centre,
@@ -46,6 +61,7 @@ from softbody_ros.core.contact.rows import (
     copy_record,
     end_normal,
     flown,
+    in_world,
     put_other_side,
     share_of,
     side_of,
@@ -59,6 +75,7 @@ from softbody_ros.core.geometry.vectors import (
     dot,
     matrix_of,
     minus,
+    norm,
     plus,
     put_vector,
     scaled,
@@ -79,6 +96,11 @@ CORNER_PASSES = 2
 OTHER_SIDE = 0.5
 """Ratio of the depths of a particle below the side of its contact and below the nearest one, up to
 which they differ."""
+LARGEST_TURN = 0.5
+"""Angle, rad, by which contacts turn bodies in a tick, where they may do any work."""
+WILD = 0.5
+"""Error by linearisation, in RMS radii, above which the positions are not linearised again; and
+displacement of a body that is not small."""
 TOLERANCE, SOFT_TOLERANCE, SINGLE_TOLERANCE = 1e-11, 1e-10, 1e-8
 """Of displacements, in RMS radii; of velocities the same over the tick. The second one of islands
 with deformable bodies, the third one of a deformable body alone: where there is no other, the
@@ -120,8 +142,7 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
     tolerance = tolerance_of(island)
     problem = begin_positions(island, 0, 0, working)
     last, has_room = math.inf, True
-    is_large = len(island.problem.filled) < len(members)
-    rounds, selections = LARGE_ROUNDS if is_large else ROUNDS, SELECTIONS
+    rounds, selections = LARGE_ROUNDS if is_large(island) else ROUNDS, SELECTIONS
     while rounds > 0:
         residual = solved(problem, tolerance, island)
         particles = touched_particles(island, problem)
@@ -140,6 +161,9 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
         is_late = not island.is_held and residual > tolerance
         has_room = last == math.inf or joins or shrinks or is_late
         if (error <= linearised and not joins) or not has_room:
+            break
+        if error > WILD * island.scale:
+            # linearised so far away, the next solution would be farther away
             break
         last = overlap
         if joins and selections > 0:
@@ -182,6 +206,80 @@ def yield_to_obstacles(island: Island, problem: Problem) -> None:
         row['bias'][0] = row['linear_gap']
     solved(problem, tolerance_of(island), island)
     place_all(island.members, touched_particles(island, problem), problem)
+
+
+@helper
+def brake(island: Island, problem: Problem) -> None:
+    """
+    Take a share of the forces that does bounded work, where they may do any.
+
+    Forces are no solution where none was found in time; and those that move bodies by more than is
+    small do another work than J says, as on what is inside something. Any share of them keeps
+    momentum and angular momentum, and what is not kept apart gets out later.
+    """
+    members, rows, y = island.members, problem.rows, problem.modes[0]
+    turn, is_far, most = 0.0, False, 0.0
+    for number in range(len(members)):
+        member = members[number]
+        turn = max(turn, norm(angle_of(member, y[number])))
+        is_far = is_far or norm(vector_of(member['shift'])) > WILD * member['scale']
+        most += parting_work(member)
+    tangled = is_unsolved(island) or any_tolerated(rows)
+    if not (tangled or is_far or turn > LARGEST_TURN) or not are_passive(members, rows):
+        return
+    share = LARGEST_TURN / turn if tangled and turn > LARGEST_TURN else 1.0
+    by_flight, by_speed, by_response = work_of(island, problem)
+    share = min(share, share_for(by_flight, by_response, most))
+    share = min(share, share_for(by_speed, by_response, most))
+    if share < 1.0:
+        scale_forces(problem, share)
+        particles = touched_particles(island, problem)
+        place_all(members, particles, problem)
+        linearise(members, particles, problem)
+    if tangled and (turn > LARGEST_TURN or share < 1.0) and touches_obstacle(rows):
+        # angular momentum is not kept anyway; and what is thin would get energy as it turns
+        for number in range(len(members)):
+            momentum = members[number]['angular_momentum']
+            turned = applied(matrix_of(members[number]['rotation']), vector_of(momentum))
+            put_vector(momentum, turned)
+
+
+@helper
+def touches_obstacle(rows: np.ndarray) -> bool:
+    """Return whether any contact is with an obstacle."""
+    for k in range(len(rows)):
+        if rows[k]['two'] < 0:
+            return True
+    return False
+
+
+@helper
+def work_of(island: Island, problem: Problem) -> tuple[float, float, float]:
+    """
+    Return the work of contacts, as far as the response is linear, J.
+
+    Along the displacements of the flight, along them as they would be at its last speed, and along
+    the response.
+    """
+    h = island.h
+    rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
+    y, shifts, is_mobile = problem.modes[0], problem.shifts[0], len(problem.mobility) > 0
+    by_flight = by_speed = by_response = 0.0
+    for k in range(len(rows)):
+        row = rows[k]
+        response = mode_response(row, jacobian, k, counts, y)
+        if is_mobile:
+            response = plus(response, particle_response(row, jacobian, k, counts, y, shifts))
+        force = vector_of(row['force'])
+        motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
+        along_flight = dot(in_world(row, force), motion)
+        by_flight += along_flight
+        # normal speeds are known; tangential ones are the mean ones
+        along_flight -= force[0] * dot(vector_of(row['normal']), motion)
+        by_speed += along_flight - force[0] * h * row['closing']
+        by_response += dot(force, response)
+    factor = 2.0 / (h * h)
+    return factor * by_flight, factor * by_speed, factor * by_response
 
 
 # ----------------------------------------------------------------------------------- linearisation

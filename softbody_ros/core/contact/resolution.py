@@ -18,6 +18,7 @@ from softbody_ros.core.contact.energy import (
     GAIN,
     any_driven,
     any_inside,
+    are_passive,
     keep_energy,
     keep_motion,
     kinetic_energy,
@@ -29,6 +30,7 @@ from softbody_ros.core.contact.island import (
     UNSOLVED,
     Island,
     first_rows,
+    is_unsolved,
     make_island,
     touched_particles,
 )
@@ -41,6 +43,7 @@ from softbody_ros.core.contact.members import (
 from softbody_ros.core.contact.overlaps import remember_overlaps
 from softbody_ros.core.contact.positions import (
     add_corners,
+    brake,
     separate,
     solve_positions,
     yield_to_obstacles,
@@ -169,6 +172,7 @@ def resolve(
                 put_vector(remembered[kept]['force'], in_world(row, row['positional']))
                 remembered[kept]['tolerated'] = row['tolerated']
                 remembered[kept]['gap'] = row['gap']
+                remembered[kept]['depth'] = row['tolerated'] + max(-row['end_gap'], 0.0)
                 kept += 1
             receive(together, row, h)
             number = together[row['one']]['body']
@@ -222,23 +226,27 @@ def resolve_island(island: Island, working: int) -> tuple[int, int]:
     if has_room:
         if island.is_soft:
             problem = add_corners(island, problem)
-        separate(island, problem)
     else:
         yield_to_obstacles(island, problem)
+    keep_motion(members)
+    brake(island, problem)
+    if has_room:
+        separate(island, problem)
     rows, particles = problem.rows, touched_particles(island, problem)
     # lifted to where it touched, a body has less than after its flight
     kept = max(energy + work_of_loads(members), 0.0)
-    keep_motion(members)
     change_velocities(members, rows, particles, h)
     start_velocities(members, particles, problem.modes[0], h)
     put_rotation(members, particles)
     acting = begin_velocities(members, particles, problem, h)
     if acting > 0:
         solve_velocities(island, first_rows(problem, acting, len(particles)), kept)
-    share, is_unsolved = 1.0, island.work[UNSOLVED] > 0
-    if not island.is_soft and (
-        not any_driven(members) or is_unsolved or any_inside(members, rows)
-    ):
+    share, unsolved = 1.0, island.work[UNSOLVED] > 0
+    may_gain = not any_driven(members) or unsolved or any_inside(members, rows)
+    if island.is_soft:
+        # deformable bodies may rebound
+        may_gain = is_unsolved(island) and are_passive(members, rows)
+    if may_gain:
         most = largest_energy(members, rows[:acting], kept, h)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
             share = keep_energy(members, rows, energy, most)

@@ -39,6 +39,9 @@ LARGEST_SOFTNESS = 10.0
 """Ratio of compliances between particles of a body, at most."""
 RECOVERY = 2.0
 """Speed, in RMS radii per second, at which what is found inside something gets out."""
+SUDDEN = 0.05
+"""Depth before the tick, in RMS radii, beyond that after the last one, which nothing explains but
+that a particle has met another side."""
 TOUCHING = 1e-9
 """Gap before the tick, in RMS radii, up to which a contact existed."""
 LINEARISED = 5e-6
@@ -79,8 +82,10 @@ ROW = np.dtype(
         ('obstacle', np.int64),  # second side, or −1
         ('gap', np.float64),  # after the flight, m
         ('gap_before', np.float64),  # after the flight of the tick before; 0 if it is new, m
+        ('depth_before', np.float64),  # after the tick before; infinite if it is new, m
         ('coasting', np.float64),  # gap if both sides went on with their speed before, m
         ('known', np.int64),  # where it is in what is remembered, or −1
+        ('is_placed', np.bool_),  # whether it was made, and then the second side was put elsewhere
         ('is_new', np.bool_),  # not made at the tick before
         ('viscosity', np.float64),  # share of the sliding that viscous friction removes, or −1
         ('column', np.int64),  # particle of the world, or −1
@@ -120,6 +125,7 @@ MEMORY = np.dtype(
         ('force', np.float64, (3,)),  # N
         ('tolerated', np.float64),  # depth, m
         ('gap', np.float64),  # after the flight, m
+        ('depth', np.float64),  # at the end, m
     ],
     align=True,
 )
@@ -199,6 +205,10 @@ def complete_row(row: np.void, members: np.ndarray, velocity: Vector, h: float) 
     recovered = RECOVERY * one['scale'] * h
     if one['has_pins'] or (row['two'] >= 0 and members[row['two']]['has_pins']):
         # what pins hold may not have got out of the way
+        row['tolerated'] = math.inf
+    row['is_placed'] = row['is_placed'] and not row['is_new']
+    if not row['is_placed'] and -before > row['depth_before'] + SUDDEN * one['scale']:
+        # another side: as if it were found there
         row['tolerated'] = math.inf
     row['tolerated'] = max(min(row['tolerated'], -before) - recovered, 0.0)
     row['gap'] += row['tolerated']
@@ -328,6 +338,7 @@ def put_obstacle_row(
     put_vector(row['other_velocity'], surface)
     put_laws(row, body, obstacle['friction'], obstacle['elasticity'])
     row['of_face'] = row['of_edges'] = False
+    row['is_placed'] = obstacle['is_placed']
     row['softness'] = softness_of(weight, body['surface'])
     return minus(column_of(v[body['now']], column), surface)
 
@@ -513,10 +524,11 @@ def recall(row: np.void, memory: np.ndarray) -> None:
     known = place_of_key(row['key'], memory)
     row['is_new'], row['known'], row['overlaps'] = known < 0, known, False
     put_vector(row['remembered'], ZERO)
-    row['tolerated'], row['gap_before'] = math.inf, 0.0
+    row['tolerated'], row['gap_before'], row['depth_before'] = math.inf, 0.0, math.inf
     if not row['is_new']:
         put_vector(row['remembered'], vector_of(memory[known]['force']))
         row['tolerated'], row['gap_before'] = memory[known]['tolerated'], memory[known]['gap']
+        row['depth_before'] = memory[known]['depth']
 
 
 @helper
@@ -565,7 +577,7 @@ def put_face_row(
         velocity = put_corners(row, 0, contact, 0, own, one, x, v, flown)
         other_velocity = put_corners(row, 1, contact, own, 4, body, x, v, flown)
         row['one'], row['two'], row['obstacle'], row['of_face'] = owner, other, -1, False
-        row['of_edges'] = not is_face
+        row['of_edges'], row['is_placed'] = not is_face, False
         nearest = 1 if contact['coefficients'][1] > 0.5 else 0
         column = contact['particles'][nearest]
         number = column - one['first'] if is_face else LARGEST_MESH + contact['edges'] % EDGES
@@ -587,7 +599,7 @@ def put_face_row(
     row['one'], row['two'], row['obstacle'], row['of_face'] = (
         other, -1, sets[number]['obstacle'], True,
     )  # fmt: skip
-    row['of_edges'] = False
+    row['of_edges'], row['is_placed'] = False, sets[number]['is_placed']
     row['key'] = key_of(OF_POINTS, number, body['id'], contact['particles'][0])
     row['column'], row['softness'] = -1, 1.0
     row['gap'] = members[other]['margin'] - contact['depth']

@@ -87,6 +87,9 @@ solution."""
 FAR, MODELS = 1e6, 4
 """Residual, relative to the tolerance, from which on friction is that of the normal forces without
 friction; and how many models are minimised for that where they omit something."""
+DIVERGING = 10.0
+"""Ratio of residuals of sweeps, the last one to the least, from which on they diverge, if they are
+far as well: then none of them is taken."""
 PRECISION = 0.03
 """Displacement by the gradient, relative to the tolerance, at which Newton's method ends."""
 
@@ -129,12 +132,14 @@ def solve(
     limit, enough = MOST_SWEEPS, ENOUGH_SWEEPS * len(problem.counts) ** 2
     if is_large:
         limit = LARGE_SWEEPS_FEW if are_few else LARGE_SWEEPS
-    residual, before, sweeps = math.inf, math.inf, 0
+    residual, before, first, sweeps = math.inf, math.inf, math.inf, 0
+    keep(rows)
     period = 2 * SWEEPS if is_large else SWEEPS
     every, acting, count, over_all = np.arange(len(rows)), np.empty(len(rows), np.int64), 0, True
     while sweeps < limit:
         residual, is_other_patch = sweep(problem, every if over_all else acting[:count])
         sweeps += 1
+        first = min(first, residual)
         if is_viscous and is_other_patch:
             distribute_viscous_friction(problem)
         if residual <= tolerance:
@@ -158,6 +163,9 @@ def solve(
             if not is_large and sweeps_ahead(before, residual, tolerance) > enough:
                 break
             before = residual
+    diverges = not residual < max(DIVERGING * first, FAR * tolerance)
+    if diverges:
+        restore(problem)
     if is_large:
         return residual, sweeps, 0
     for k in range(len(rows)):
@@ -176,7 +184,7 @@ def solve(
         newton += minimise(problem, least, PATIENCE if is_narrow and newton >= LONG else INNER)
         if is_shared:
             conjugate += descend(problem, vectors)
-        if is_shared or (update >= STUBBORN and not is_viscous):
+        if (is_shared or (update >= STUBBORN and not is_viscous)) and not diverges:
             for _ in range(SHARED_SWEEPS):
                 sweep(problem, every)
             sweeps += SHARED_SWEEPS
@@ -201,9 +209,7 @@ def solve(
     if residual > tolerance:
         # what Newton's method ends at without a solution may be far from all that is possible
         residual = best
-        for k in range(len(rows)):
-            put_vector(rows[k]['force'], vector_of(rows[k]['best']))
-        sum_forces(problem)
+        restore(problem)
     if is_narrow and residual > FAR * tolerance and not is_viscous:
         more, conjugate_more = bound_friction(problem, least, load, vectors)
         newton, conjugate = newton + more, conjugate + conjugate_more
@@ -261,9 +267,18 @@ def sweeps_ahead(before: float, residual: float, tolerance: float) -> float:
 
 @helper
 def keep(rows: np.ndarray) -> None:
-    """Keep the present forces as the best ones."""
+    """Keep the present forces."""
     for k in range(len(rows)):
         put_vector(rows[k]['best'], vector_of(rows[k]['force']))
+
+
+@helper
+def restore(problem: Problem) -> None:
+    """Take the forces that were kept."""
+    rows = problem.rows
+    for k in range(len(rows)):
+        put_vector(rows[k]['force'], vector_of(rows[k]['best']))
+    sum_forces(problem)
 
 
 @helper

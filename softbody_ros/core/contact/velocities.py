@@ -14,9 +14,20 @@ import numpy as np
 
 from softbody_ros.core.body import QUADRATIC_FEATURES
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.contact.energy import GAIN, all_still, any_impact, energy_after, rebound
+from softbody_ros.core.contact.energy import (
+    GAIN,
+    all_still,
+    any_impact,
+    any_tolerated,
+    are_passive,
+    energy_after,
+    parting_work,
+    rebound,
+    scale_forces,
+    share_for,
+)
 from softbody_ros.core.contact.exchange import add_wrench_about
-from softbody_ros.core.contact.island import Island, solved, touched_particles
+from softbody_ros.core.contact.island import Island, is_unsolved, solved, touched_particles
 from softbody_ros.core.contact.members import (
     add_impulses,
     add_momenta,
@@ -34,7 +45,15 @@ from softbody_ros.core.contact.positions import (
     start_of,
     tolerance_of,
 )
-from softbody_ros.core.contact.problem import Problem, line_of, own_mobility, width_of
+from softbody_ros.core.contact.problem import (
+    Problem,
+    any_mobile,
+    line_of,
+    mode_response,
+    own_mobility,
+    particle_response,
+    width_of,
+)
 from softbody_ros.core.contact.rows import LINEARISED, copy_record, in_world, share_of, side_of
 from softbody_ros.core.geometry.vectors import (
     ZERO,
@@ -87,9 +106,34 @@ def solve_velocities(island: Island, problem: Problem, kept: float) -> None:
         least = energy_after(members, rows)
         rebound(rows, min(max((kept - least) / (most - least), 0.0), 1.0))
         solved(problem, tolerance, island)
+    if (is_unsolved(island) or any_tolerated(rows)) and are_passive(members, rows):
+        brake_impulses(members, problem)
     add_impulses(members, rows)
     particles = touched_particles(island, problem)
     add_velocities(members, particles, problem.modes[0], problem.shifts[0])
+
+
+@helper
+def brake_impulses(members: np.ndarray, problem: Problem) -> None:
+    """Take a share of the impulses at the end of the tick that gives bodies little energy."""
+    rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
+    y, shifts, is_mobile = problem.modes[0], problem.shifts[0], any_mobile(problem)
+    most = driven = by_speed = by_response = 0.0
+    for k in range(len(rows)):
+        row, force = rows[k], vector_of(rows[k]['force'])
+        driven = max(driven, norm(vector_of(row['other_velocity'])))
+        response = mode_response(row, jacobian, k, counts, y)
+        if is_mobile:
+            response = plus(response, particle_response(row, jacobian, k, counts, y, shifts))
+        by_response += 0.5 * dot(force, response)
+        by_speed += force[0] * (row['bias'][0] - row['elasticity'] * row['approach'])
+        by_speed += force[1] * row['free'][0] + force[2] * row['free'][1]
+    for number in range(len(members)):
+        member = members[number]
+        most += parting_work(member) + 2.0 * member['mass'] * driven * driven
+    share = share_for(by_speed, by_response, most)
+    if share < 1.0:
+        scale_forces(problem, share)
 
 
 @helper
