@@ -39,7 +39,7 @@ LARGEST_SOFTNESS = 10.0
 """Ratio of compliances between particles of a body, at most."""
 RECOVERY = 2.0
 """Speed, in RMS radii per second, at which what is found inside something gets out."""
-SUDDEN = 0.05
+SUDDEN = 0.2
 """Depth before the tick, in RMS radii, beyond that after the last one, which nothing explains but
 that a particle has met another side."""
 TOUCHING = 1e-9
