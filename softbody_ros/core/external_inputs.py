@@ -130,9 +130,9 @@ class DynamicObstacle:
 
     def moved(self, h: float) -> DynamicObstacle:
         """Return it after h seconds."""
-        if not self.obstacle.moves and self.obstacle.age == obstacles.SETTLED:
+        if self.obstacle.is_still:
             return self
-        return dataclasses.replace(self, obstacle=obstacles.moved(self.obstacle, h))
+        return self.with_obstacle(obstacles.moved(self.obstacle, h))
 
     def with_obstacle(self, obstacle: Obstacle) -> DynamicObstacle:
         """Return it with its obstacle elsewhere."""
@@ -223,9 +223,7 @@ class ExternalInputs:
 
     @cached_property
     def _moves(self) -> bool:
-        return any(
-            obstacle.moves or obstacle.age < obstacles.SETTLED for obstacle in self.obstacles
-        )
+        return not all(obstacle.is_still for obstacle in self.obstacles)
 
     @property
     def nbytes(self) -> int:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -35,8 +34,7 @@ class SimulationError(ArithmeticError):
     """A tick with a result that is not finite; the state before it is kept."""
 
 
-@dataclass(frozen=True)
-class Environment:
+class Environment(NamedTuple):
     """
     Gravity, obstacles and other surroundings of the bodies during a tick.
 

@@ -410,7 +410,7 @@ class World:
 
     def _wake_near(self, changed: Iterable[Obstacle]) -> None:
         """Wake the bodies near obstacles, given at their old and new poses."""
-        if not self._state.still_samples.any():
+        if not np.count_nonzero(self._state.still_samples):  # much faster than `any`
             return  # all are wide awake
         boxes = None
         reach = sleeping.NEAR * self._state.scales
@@ -916,10 +916,7 @@ class World:
 
     def _put_obstacles(self, present: tuple[Obstacle, ...]) -> None:
         self._obstacles = present
-        self._obstacles_move = any(
-            obstacle.moves or obstacle.before is not None or obstacle.age < obstacles.SETTLED
-            for obstacle in present
-        )
+        self._obstacles_move = not all(obstacle.is_still for obstacle in present)
 
     def _replace_obstacle(self, index: int, new: Obstacle) -> None:
         """Put an obstacle of the same name in the place of another one."""
@@ -1301,6 +1298,8 @@ class World:
         if orientation is not None:
             values['orientation'] = orientation
         config = current.config.moved(**values)
+        if config is current.config and obstacles.is_as_configured(current):
+            return  # said again, as for each tick: much faster than what follows
         new = obstacles.placed_shape(config, current.shape)
         if obstacles.is_same(current, new):
             return

@@ -145,6 +145,11 @@ class Obstacle:
         return any(self.config.velocity_linear) or any(self.config.velocity_angular)
 
     @property
+    def is_still(self) -> bool:
+        """Whether a tick leaves it as it is."""
+        return self.age == SETTLED and not self.moves and self.before is None
+
+    @property
     def drives(self) -> bool:
         """Whether it moves, or its surface does: then what touches it does not fall asleep."""
         return self.moves or any(self.config.surface_velocity)
@@ -215,17 +220,38 @@ def placed_shape(config: ObstacleConfig, shape: Shape) -> Obstacle:
 
 def continued(obstacle: Obstacle, before: Obstacle) -> Obstacle:
     """Return an obstacle, not as one that was put anywhere if it is where it was before."""
-    moved_by, turned_by = obstacle.position - before.position, obstacle.rotation - before.rotation
-    # component by component is faster than with arrays
-    change = max(map(abs, (*moved_by.tolist(), *turned_by.ravel().tolist())))
-    if obstacle.shape is not before.shape or change > SAME:
+    is_there = (
+        obstacle.shape is before.shape
+        and _are_near(obstacle.position, before.position)
+        and _are_near(obstacle.rotation, before.rotation)
+    )
+    if obstacle.age == before.age or not is_there:
         return obstacle
-    return dataclasses.replace(obstacle, age=before.age)
+    return Obstacle(
+        obstacle.config, obstacle.position, obstacle.rotation, obstacle.shape, obstacle.before,
+        before.age,
+    )  # fmt: skip
+
+
+def _are_near(one: np.ndarray, other: np.ndarray) -> bool:
+    # lists are faster than small arrays; and most rotations are the same
+    return one.tobytes() == other.tobytes() or (
+        math.dist(one.ravel().tolist(), other.ravel().tolist()) <= SAME
+    )
 
 
 @lru_cache(maxsize=1024)
 def _rotation_by(orientation: tuple[float, ...]) -> np.ndarray:
     return Rotation.from_quat(orientation).as_matrix()
+
+
+def is_as_configured(obstacle: Obstacle) -> bool:
+    """Return whether an obstacle is still where its config says."""
+    config = obstacle.config
+    return (
+        obstacle.position.tolist() == [*config.position]
+        and obstacle.rotation.tobytes() == _rotation_by(config.orientation).tobytes()
+    )
 
 
 def is_same(one: Obstacle, other: Obstacle) -> bool:
@@ -243,7 +269,7 @@ def moved(obstacle: Obstacle, h: float) -> Obstacle:
     config = obstacle.config
     position, rotation = obstacle.position, obstacle.rotation
     if not obstacle.moves:
-        if obstacle.before is None and obstacle.age == SETTLED:
+        if obstacle.is_still:
             return obstacle
         return _after(obstacle, position, rotation, moves=False)
     if any(config.velocity_angular):

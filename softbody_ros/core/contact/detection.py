@@ -10,8 +10,6 @@ for others nearby only.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from softbody_ros.core.collision.body_contacts import (
@@ -36,12 +34,12 @@ from softbody_ros.core.contact.members import MEMBER, put_member
 from softbody_ros.core.contact.overlaps import part_overlaps
 from softbody_ros.core.contact.rows import (
     ROW,
+    Tick,
     complete_row,
     concerns,
     copy_record,
     put_face_row,
     put_obstacle_row,
-    recall,
     side_of,
 )
 from softbody_ros.core.contact.working_set import LEVER, SOFT_MARGIN, is_calm
@@ -70,22 +68,6 @@ MARGIN = 0.01
 CALM = 0.01
 """Displacement by its acceleration in a tick, relative to `SOFT_MARGIN`, up to which it is worth
 while to look whether a body is steady."""
-
-
-class Tick(NamedTuple):
-    """Bodies after their flight, and obstacles: arrays of all of the world, see `find_rows`."""
-
-    bodies: np.ndarray
-    shapes: np.ndarray
-    weights: np.ndarray
-    x: np.ndarray
-    v: np.ndarray
-    flown: np.ndarray
-    obstacles: np.ndarray
-    trees: Trees
-    h: float
-    memory: np.ndarray
-    is_pinned: np.ndarray
 
 
 @kernel
@@ -371,7 +353,7 @@ def find_rows_of_body(
     """
     x, member, obstacles = tick.x, members[number], tick.obstacles
     body = tick.bodies[member['body']]
-    first, count, shape = body['first'], body['surface'], tick.shapes[body['shape']]
+    first, count = body['first'], body['surface']
     start, end, reach = x[body['now']], x[1 - body['now']], body['thickness'] + member['margin']
     low, high, low_before, high_before, is_bounded = ZERO, ZERO, ZERO, ZERO, False
     for which in range(len(obstacles)):
@@ -387,15 +369,12 @@ def find_rows_of_body(
             obstacle, tick.trees, end, start, first, count, reach, True, contacts, 0
         )
         for k in range(near):
-            particle = contacts[k]['particle']
-            if tick.is_pinned[first + particle]:
+            if tick.is_pinned[first + contacts[k]['particle']]:
                 continue
             if found < len(rows):
                 velocity = put_obstacle_row(
-                    rows[found], contacts[k], number, body, reach,
-                    tick.weights[shape['first'] + particle], obstacle, which, tick.memory, x,
-                    tick.v, tick.flown, tick.h,
-                )  # fmt: skip
+                    rows[found], contacts[k], tick, number, body, which, reach
+                )
                 complete_row(rows[found], members, velocity, tick.h)
                 if member['margin'] < member['widest'] and not is_calm(rows[found], member):
                     return found, False
@@ -556,11 +535,7 @@ def find_face_rows(
         if not may_yield(contact, members, tick.is_pinned):
             continue
         if found < len(rows):
-            velocity = put_face_row(
-                rows[found], contact, tick.bodies, members, sets, tick.shapes, tick.weights,
-                tick.x, tick.v, tick.flown, tick.h,
-            )  # fmt: skip
-            recall(rows[found], tick.memory)
+            velocity = put_face_row(rows[found], contact, tick, members, sets)
             complete_row(rows[found], members, velocity, tick.h)
             is_held_somewhere = rows[found]['of_face'] and members[contact['other']]['has_pins']
             if is_held_somewhere and contradicts(rows[found], contact, rows[:first]):

@@ -134,26 +134,29 @@ def any_inside(members: np.ndarray, rows: np.ndarray) -> bool:
 
 
 @helper
-def is_passive(row: np.void, members: np.ndarray) -> bool:
+def are_passive(members: np.ndarray, rows: np.ndarray) -> bool:
     """
-    Return whether a contact gives no energy but by the motion of what is touched.
+    Return whether contacts give no energy but by the motion of what is touched.
 
     What pins hold, or was put somewhere, may be anywhere at once, whatever that takes.
     """
-    for side in range(2):
-        index, _ = side_of(row, side)
-        if index >= 0 and members[index]['has_pins']:
+    for k in range(len(rows)):
+        if rows[k]['is_placed']:
             return False
-    return not row['is_placed']
+        for side in range(2):
+            index, _ = side_of(rows[k], side)
+            if index >= 0 and members[index]['has_pins']:
+                return False
+    return True
 
 
 @helper
-def are_passive(members: np.ndarray, rows: np.ndarray) -> bool:
-    """Return whether all contacts are."""
+def touches_obstacle(rows: np.ndarray) -> bool:
+    """Return whether any contact is with an obstacle."""
     for k in range(len(rows)):
-        if not is_passive(rows[k], members):
-            return False
-    return True
+        if rows[k]['two'] < 0:
+            return True
+    return False
 
 
 @helper
@@ -174,9 +177,15 @@ def parting_work(member: np.void) -> float:
 
 @helper
 def share_for(a: float, b: float, most: float) -> float:
-    """Return the share s of forces up to 1 for which a s + b s² is at most so much; b ≥ 0."""
-    root = math.sqrt(max(a * a + 4.0 * b * most, 0.0))
-    return min(2.0 * most / (a + root), 1.0) if a + b > most else 1.0
+    """Return the share s from 0 to 1 for which a s + b s² is at most so much; b ≥ 0."""
+    if a + b <= most:
+        return 1.0
+    share, root = 0.0, math.sqrt(max(a * a + 4.0 * b * most, 0.0))
+    if a > 0.0:
+        share = 2.0 * most / (a + root)
+    elif b > 0.0:
+        share = 0.5 * (root - a) / b
+    return min(max(share, 0.0), 1.0)
 
 
 @helper
@@ -218,9 +227,7 @@ def keep_energy(members: np.ndarray, rows: np.ndarray, energy: float, most: floa
     Impulses that are no solution, since none was found in time, could gain some; and so could
     those that get something out of the narrow, as a wedge does.
     """
-    after, is_free = kinetic_energy(members), True
-    for k in range(len(rows)):
-        is_free = is_free and rows[k]['two'] >= 0
+    after, is_free = kinetic_energy(members), not touches_obstacle(rows)
     middle = np.empty(len(members), members.dtype)
     for number in range(len(members)):
         copy_record(middle, number, members, number)
@@ -228,8 +235,7 @@ def keep_energy(members: np.ndarray, rows: np.ndarray, energy: float, most: floa
     # energy + a s + b s²
     b = 2.0 * (after + energy - 2.0 * kinetic_energy(middle))
     a = after - energy - b
-    root = math.sqrt(max(a * a + 4.0 * b * (most - energy), 0.0))
-    share = min(max(0.5 * (root - a) / b, 0.0), 1.0) if b > 0.0 else 0.0
+    share = share_for(a, b, most - energy) if b > 0.0 else 0.0
     for number in range(len(members)):
         take_share(members[number], share, is_free)
     return share

@@ -42,6 +42,7 @@ from softbody_ros.core.contact.problem import (
     own_mobility,
     particle_response,
     projected,
+    response_of,
     slip_of,
     squared,
     stiffer,
@@ -189,14 +190,11 @@ def majorise(problem: Problem, load: np.ndarray) -> bool:
 @helper
 def sum_loads(problem: Problem, load: np.ndarray) -> None:
     """Write for each particle the sum of the shares of rows that may act."""
-    rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
-    y, shifts = problem.modes[0], problem.shifts[0]
+    rows = problem.rows
     for particle in range(len(load)):
         load[particle] = 0.0
     for k in range(len(rows)):
-        row = rows[k]
-        motion = mode_response(row, jacobian, k, counts, y)
-        motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
+        row, motion = rows[k], response_of(problem, k, True)
         if row['base'][0] + row['force'][0] > 0.0 or slip_of(row, motion)[0] < 0.0:
             for corner in range(4):
                 if row['shares'][corner] != 0.0:
@@ -392,20 +390,17 @@ def descend(problem: Problem, vectors: np.ndarray) -> int:
         number of steps
 
     """
-    rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
-    y, shifts = problem.modes[0], problem.shifts[0]
+    rows = problem.rows
     x, residual, ahead = vectors[0], vectors[1], vectors[2]
     direction, image = vectors[3], vectors[4]
     for k in range(len(rows)):
-        row = rows[k]
-        motion = mode_response(row, jacobian, k, counts, y)
-        slip = slip_of(row, plus(motion, particle_response(row, jacobian, k, counts, y, shifts)))
+        row, slip = rows[k], slip_of(rows[k], response_of(problem, k, True))
         put_face(row, slip)
         put_vector(direction[k], ZERO)
         put_vector(residual[k], scaled(-1.0, through(row['face'], slip)))
         put_vector(x[k], ZERO)
     assemble(problem)
-    factorise(counts, problem.hessian, problem.filled)
+    factorise(problem.counts, problem.hessian, problem.filled)
     size = precondition(problem, residual, ahead)
     enough, ratio = REDUCTION * REDUCTION * size, 0.0
     steps = 0

@@ -29,6 +29,7 @@ from softbody_ros.core.contact.energy import (
     parting_work,
     scale_forces,
     share_for,
+    touches_obstacle,
 )
 from softbody_ros.core.contact.island import (
     Island,
@@ -50,10 +51,10 @@ from softbody_ros.core.contact.members import (
 )
 from softbody_ros.core.contact.problem import (
     Problem,
+    any_mobile,
     line_of,
-    mode_response,
     own_mobility,
-    particle_response,
+    response_of,
 )
 from softbody_ros.core.contact.rows import (
     CONTACT_FREQUENCY,
@@ -245,15 +246,6 @@ def brake(island: Island, problem: Problem) -> None:
 
 
 @helper
-def touches_obstacle(rows: np.ndarray) -> bool:
-    """Return whether any contact is with an obstacle."""
-    for k in range(len(rows)):
-        if rows[k]['two'] < 0:
-            return True
-    return False
-
-
-@helper
 def work_of(island: Island, problem: Problem) -> tuple[float, float, float]:
     """
     Return the work of contacts, as far as the response is linear, J.
@@ -262,14 +254,10 @@ def work_of(island: Island, problem: Problem) -> tuple[float, float, float]:
     the response.
     """
     h = island.h
-    rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
-    y, shifts, is_mobile = problem.modes[0], problem.shifts[0], len(problem.mobility) > 0
+    rows, is_mobile = problem.rows, any_mobile(problem)
     by_flight = by_speed = by_response = 0.0
     for k in range(len(rows)):
-        row = rows[k]
-        response = mode_response(row, jacobian, k, counts, y)
-        if is_mobile:
-            response = plus(response, particle_response(row, jacobian, k, counts, y, shifts))
+        row, response = rows[k], response_of(problem, k, is_mobile)
         force = vector_of(row['force'])
         motion = minus(vector_of(row['motion']), vector_of(row['other_motion']))
         along_flight = dot(in_world(row, force), motion)
@@ -513,15 +501,10 @@ def linearise(
         largest one of rigid bodies with obstacles, m
 
     """
-    jacobian, counts = problem.jacobian, problem.counts
-    y, shifts = problem.modes[0], problem.shifts[0]
-    error = overlap = 0.0
+    is_mobile, error, overlap = any_mobile(problem), 0.0, 0.0
     for k in range(len(problem.rows)):
-        row = problem.rows[k]
+        row, motion = problem.rows[k], response_of(problem, k, is_mobile)
         gap = end_gap(row, members, particles)
-        motion = mode_response(row, jacobian, k, counts, y)
-        if len(problem.mobility) > 0:
-            motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
         if row['force'][0] > 0.0 or gap < 0.0:
             error = max(error, abs(row['linear_gap'] + motion[0] - gap), -gap)
             if row['two'] < 0 and row['inverse_mass'] > 0.0:

@@ -210,6 +210,18 @@ def particle_response(
 
 
 @helper
+def response_of(problem: Problem, k: int, is_mobile: bool) -> Vector:
+    """Return W f of row k, of modes and, as `any_mobile` says, particles."""
+    row, jacobian, counts = problem.rows[k], problem.jacobian, problem.counts
+    motion = mode_response(row, jacobian, k, counts, problem.modes[0])
+    if is_mobile:
+        shifts = problem.shifts[0]
+        own = particle_response(row, jacobian, k, counts, problem.modes[0], shifts)
+        motion = plus(motion, own)
+    return motion
+
+
+@helper
 def normal_response(
     row: np.void, jacobian: np.ndarray, k: int, counts: np.ndarray, y: np.ndarray
 ) -> float:
@@ -363,7 +375,7 @@ def approach_targets(problem: Problem) -> None:
     given friction discs.
     """
     rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
-    mobility, y, shifts = problem.mobility, problem.modes[0], problem.shifts[0]
+    mobility = problem.mobility
     y_step, shifts_step = problem.modes[1], problem.shifts[1]
     clear(problem, y_step, shifts_step)
     slope = curvature = 0.0
@@ -371,10 +383,7 @@ def approach_targets(problem: Problem) -> None:
     for k in range(len(rows)):
         row = rows[k]
         target, force = row['target'], row['force']
-        motion = mode_response(row, jacobian, k, counts, y)
-        if is_mobile:
-            motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
-        slip = slip_of(row, motion)
+        slip = slip_of(row, response_of(problem, k, is_mobile))
         step = (target[0] - force[0], target[1] - force[1], target[2] - force[2])
         for axis in range(3):
             slope += slip[axis] * step[axis]

@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from softbody_ros.core.body import IDENTITIES, RIGID
 from softbody_ros.core.collision.obstacles import velocity_at
 from softbody_ros.core.compiled import helper
+from softbody_ros.core.geometry.bvh import Trees
 from softbody_ros.core.geometry.surface import LARGEST_MESH
 from softbody_ros.core.geometry.vectors import (
     ZERO,
@@ -138,6 +140,22 @@ EDGES = OWNER - LARGEST_MESH
 OF_BODIES, OF_POINTS, OF_OVERLAPS = 1 << 61, 2 << 61, 3 << 61
 """Kinds of contacts in their keys; those with obstacles have none. And that of a pair of bodies
 that are inside each other, which is remembered like a contact."""
+
+
+class Tick(NamedTuple):
+    """Bodies after their flight, and obstacles: arrays of all of the world, see `find_rows`."""
+
+    bodies: np.ndarray
+    shapes: np.ndarray
+    weights: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    flown: np.ndarray
+    obstacles: np.ndarray
+    trees: Trees
+    h: float
+    memory: np.ndarray
+    is_pinned: np.ndarray
 
 
 @helper
@@ -290,20 +308,29 @@ def motion_from(obstacle: np.void, point: Vector) -> Vector:
 def put_obstacle_row(
     row: np.void,
     contact: np.void,
+    tick: Tick,
     number: int,
     body: np.void,
-    reach: float,
-    weight: float,
-    obstacle: np.void,
     which: int,
-    memory: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    h: float,
+    reach: float,
 ) -> Vector:
     """
     Write the row of a contact of a particle with an obstacle.
+
+    Parameters
+    ----------
+    row : ROW
+    contact : CONTACT
+        of `obstacle_contacts`
+    tick : Tick
+    number : int
+        of the member
+    body : BODY
+        that it is
+    which : int
+        of the obstacles
+    reach : float
+        that depths are measured from, m
 
     Returns
     -------
@@ -311,17 +338,18 @@ def put_obstacle_row(
         velocity of the particle relative to the obstacle, before the tick, m/s
 
     """
-    column, point = body['first'] + contact['particle'], vector_of(contact['point'])
+    obstacle, particle = tick.obstacles[which], contact['particle']
+    column, point = body['first'] + particle, vector_of(contact['point'])
     row['one'], row['two'], row['obstacle'] = number, -1, which
     row['column'] = column
-    row['key'] = key_of(0, obstacle['id'], body['id'], contact['particle'])
-    recall(row, memory)
+    row['key'] = key_of(0, obstacle['id'], body['id'], particle)
+    recall(row, tick.memory)
     put_vector(row['point'], point)
     put_vector(row['normal'], vector_of(contact['normal']))
     row['thickness'] = body['thickness']
     row['gap'] = reach - contact['depth'] - body['thickness']
     begin_sides(row)
-    add_side(row, 0, 0, 1.0, column, point, body, x, flown)
+    add_side(row, 0, 0, 1.0, column, point, body, tick)
     row['gap'] += dot(vector_of(row['normal']), vector_of(row['offsets'][0]))
     belt = applied(matrix_of(obstacle['rotation']), vector_of(obstacle['surface_velocity']))
     belt = along_surface(belt, vector_of(row['normal']))
@@ -330,17 +358,23 @@ def put_obstacle_row(
     else:
         # where it lies, not where it would get without friction: on a table that turns it would
         # go outwards
-        start = column_of(x[body['now']], column)
+        start = column_of(tick.x[body['now']], column)
         moved = motion_from(obstacle, start)
         touched = plus(start, moved)
-    put_vector(row['other_motion'], along(moved, h, belt))
+    put_vector(row['other_motion'], along(moved, tick.h, belt))
     surface = plus(velocity_at(obstacle, touched), belt)
     put_vector(row['other_velocity'], surface)
     put_laws(row, body, obstacle['friction'], obstacle['elasticity'])
     row['of_face'] = row['of_edges'] = False
     row['is_placed'] = obstacle['is_placed']
-    row['softness'] = softness_of(weight, body['surface'])
-    return minus(column_of(v[body['now']], column), surface)
+    row['softness'] = softness_of(weight_of(particle, body, tick), body['surface'])
+    return minus(column_of(tick.v[body['now']], column), surface)
+
+
+@helper
+def weight_of(particle: int, body: np.void, tick: Tick) -> float:
+    """Return the share of a body's mass of one of its particles."""
+    return tick.weights[tick.shapes[body['shape']]['first'] + particle]
 
 
 @helper
@@ -430,8 +464,7 @@ def add_side(
     column: int,
     start: Vector,
     body: np.void,
-    x: np.ndarray,
-    flown: np.ndarray,
+    tick: Tick,
 ) -> None:
     """
     Add a particle with its share to one side of a contact.
@@ -447,19 +480,18 @@ def add_side(
     start : vector
         where it is in the start shape, m
     body : BODY
-    x, flown : (2, 3, N), (3, N) float
-        of the world, see `detection.find_rows`
+    tick : Tick
 
     """
-    now, end = body['now'], start
+    end = start
     if body['mode'] != RIGID:
-        end = column_of(flown, column)
+        end = column_of(tick.flown, column)
         row['columns'][corner] = column
         row['shares'][corner] = share if side == 0 else -share
     offset = along(vector_of(row['offsets'][side]), share, minus(end, start))
     put_vector(row['offsets'][side], offset)
     moved = row['motion'] if side == 0 else row['other_motion']
-    motion = minus(end, column_of(x[now], column))
+    motion = minus(end, column_of(tick.x[body['now']], column))
     put_vector(moved, along(vector_of(moved), share, motion))
 
 
@@ -548,15 +580,9 @@ def place_of_key(key: int, memory: np.ndarray) -> int:
 def put_face_row(
     row: np.void,
     contact: np.void,
-    bodies: np.ndarray,
+    tick: Tick,
     members: np.ndarray,
     sets: np.ndarray,
-    shapes: np.ndarray,
-    weights: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
-    h: float,
 ) -> Vector:
     """
     Write the row of a contact of a particle, or a point, with a face of a body, or of two edges.
@@ -567,43 +593,44 @@ def put_face_row(
         velocity of the first side relative to the second, before the tick, m/s
 
     """
-    owner, other = contact['body'], contact['other']
+    owner, other, bodies = contact['body'], contact['other'], tick.bodies
     body = bodies[members[other]['body']]
     begin_sides(row)
     if owner < len(members):
         one = bodies[members[owner]['body']]
         is_face = contact['edges'] < 0
         own = 1 if is_face else 2
-        velocity = put_corners(row, 0, contact, 0, own, one, x, v, flown)
-        other_velocity = put_corners(row, 1, contact, own, 4, body, x, v, flown)
+        velocity = put_corners(row, 0, contact, 0, own, one, tick)
+        other_velocity = put_corners(row, 1, contact, own, 4, body, tick)
         row['one'], row['two'], row['obstacle'], row['of_face'] = owner, other, -1, False
         row['of_edges'], row['is_placed'] = not is_face, False
         nearest = 1 if contact['coefficients'][1] > 0.5 else 0
         column = contact['particles'][nearest]
         number = column - one['first'] if is_face else LARGEST_MESH + contact['edges'] % EDGES
         row['key'] = key_of(OF_BODIES, body['id'], one['id'], number)
+        recall(row, tick.memory)
         # forces on edges of deformable bodies are those on both of their ends
         row['column'] = column if is_face or one['mode'] == RIGID else -1
-        weight = weights[shapes[one['shape']]['first'] + column - one['first']]
+        weight = weight_of(column - one['first'], one, tick)
         row['softness'] = softness_of(weight, one['surface'])
         if not is_face:
             nearest = 3 if contact['coefficients'][3] < -0.5 else 2
-            place = contact['particles'][nearest] - body['first']
-            weight = weights[shapes[body['shape']]['first'] + place]
+            weight = weight_of(contact['particles'][nearest] - body['first'], body, tick)
             row['softness'] = 0.5 * (row['softness'] + softness_of(weight, body['surface']))
         row['gap'] = members[owner]['margin'] + members[other]['margin'] - contact['depth']
         put_body_row(row, contact, one, body)
         return minus(velocity, other_velocity)
-    velocity = put_corners(row, 0, contact, 1, 4, body, x, v, flown)
+    velocity = put_corners(row, 0, contact, 1, 4, body, tick)
     number = owner - len(members)
     row['one'], row['two'], row['obstacle'], row['of_face'] = (
         other, -1, sets[number]['obstacle'], True,
     )  # fmt: skip
     row['of_edges'], row['is_placed'] = False, sets[number]['is_placed']
     row['key'] = key_of(OF_POINTS, number, body['id'], contact['particles'][0])
+    recall(row, tick.memory)
     row['column'], row['softness'] = -1, 1.0
     row['gap'] = members[other]['margin'] - contact['depth']
-    put_point_row(row, contact, sets[number], body, h)
+    put_point_row(row, contact, sets[number], body, tick.h)
     return minus(velocity, vector_of(row['other_velocity']))
 
 
@@ -615,17 +642,15 @@ def put_corners(
     first: int,
     last: int,
     body: np.void,
-    x: np.ndarray,
-    v: np.ndarray,
-    flown: np.ndarray,
+    tick: Tick,
 ) -> Vector:
     """Write the corners of one side of a contact; return its velocity, m/s."""
-    start, velocities, velocity = x[1 - body['now']], v[body['now']], ZERO
+    start, velocities, velocity = tick.x[1 - body['now']], tick.v[body['now']], ZERO
     for corner in range(first, last):
         column, share = contact['particles'][corner], abs(contact['coefficients'][corner])
         velocity = along(velocity, share, column_of(velocities, column))
         at = column_of(start, column)
-        add_side(row, side, corner, share, column, at, body, x, flown)
+        add_side(row, side, corner, share, column, at, body, tick)
     put_vector(row['point'], vector_of(contact['point']))
     return velocity
 

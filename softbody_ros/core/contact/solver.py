@@ -38,19 +38,18 @@ from softbody_ros.core.contact.problem import (
     any_mobile,
     find_diagonals,
     line_of,
-    mode_response,
     normal_particle_response,
     normal_response,
     on_disc,
     own_mobility,
-    particle_response,
     radius_for,
     relaxed,
+    response_of,
     slip_of,
     sum_forces,
     width_of,
 )
-from softbody_ros.core.geometry.vectors import ZERO, Vector, plus, put_vector, vector_of
+from softbody_ros.core.geometry.vectors import ZERO, Vector, put_vector, vector_of
 
 SWEEPS, ENOUGH_SWEEPS, MOST_SWEEPS = 4, 20, 200
 """From how many sweeps the speed of convergence is found; and how many more sweeps cost what
@@ -312,9 +311,7 @@ def sweep(problem: Problem, order: np.ndarray) -> tuple[float, bool]:
                 apart += normal_particle_response(row, jacobian, k, counts, y, shifts)
             if row['bias'][0] + row['compliance'][0] * row['force'][0] + apart >= 0.0:
                 continue
-        motion = mode_response(row, jacobian, k, counts, y)
-        if is_mobile:
-            motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
+        motion = response_of(problem, k, is_mobile)
         change = relaxed(row, slip_of(row, motion))
         residual = max(residual, squared_change(row, change))
         if change != ZERO:
@@ -370,14 +367,9 @@ def squared_change(row: np.void, change: Vector) -> float:
 @helper
 def imbalance(problem: Problem) -> float:
     """Return the residual: the largest change of s by a projection of a row, from this state."""
-    rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
-    y, shifts = problem.modes[0], problem.shifts[0]
     is_mobile, residual = any_mobile(problem), 0.0
-    for k in range(len(rows)):
-        row = rows[k]
-        motion = mode_response(row, jacobian, k, counts, y)
-        if is_mobile:
-            motion = plus(motion, particle_response(row, jacobian, k, counts, y, shifts))
+    for k in range(len(problem.rows)):
+        row, motion = problem.rows[k], response_of(problem, k, is_mobile)
         residual = max(residual, squared_change(row, relaxed(row, slip_of(row, motion))))
     return math.sqrt(residual)
 

@@ -49,9 +49,8 @@ from softbody_ros.core.contact.problem import (
     Problem,
     any_mobile,
     line_of,
-    mode_response,
     own_mobility,
-    particle_response,
+    response_of,
     width_of,
 )
 from softbody_ros.core.contact.rows import LINEARISED, copy_record, in_world, share_of, side_of
@@ -116,16 +115,12 @@ def solve_velocities(island: Island, problem: Problem, kept: float) -> None:
 @helper
 def brake_impulses(members: np.ndarray, problem: Problem) -> None:
     """Take a share of the impulses at the end of the tick that gives bodies little energy."""
-    rows, jacobian, counts = problem.rows, problem.jacobian, problem.counts
-    y, shifts, is_mobile = problem.modes[0], problem.shifts[0], any_mobile(problem)
+    rows, is_mobile = problem.rows, any_mobile(problem)
     most = driven = by_speed = by_response = 0.0
     for k in range(len(rows)):
         row, force = rows[k], vector_of(rows[k]['force'])
         driven = max(driven, norm(vector_of(row['other_velocity'])))
-        response = mode_response(row, jacobian, k, counts, y)
-        if is_mobile:
-            response = plus(response, particle_response(row, jacobian, k, counts, y, shifts))
-        by_response += 0.5 * dot(force, response)
+        by_response += 0.5 * dot(force, response_of(problem, k, is_mobile))
         by_speed += force[0] * (row['bias'][0] - row['elasticity'] * row['approach'])
         by_speed += force[1] * row['free'][0] + force[2] * row['free'][1]
     for number in range(len(members)):
