@@ -137,13 +137,13 @@ def is_unsolved(island: Island) -> bool:
 
 
 @helper
-def solved(problem: Problem, tolerance: float, island: Island) -> float:
-    """Solve a problem of an island and count what that takes; return the residual."""
+def solved(problem: Problem, tolerance: float, island: Island, is_rough: bool) -> float:
+    """Solve a problem, see `solve`, and count what that takes; return the residual."""
     work = island.work
     # of heaps, what no solution is found for has room
     is_narrow = island.is_held or (not island.is_soft and len(island.members) <= FEW_BODIES)
     most = min(STEPS, max(MOST_STEPS - work[NEWTON], FEW_STEPS)) if is_narrow else STEPS
-    residual, sweeps, steps = solve(problem, tolerance, island.mass, most, is_narrow)
+    residual, sweeps, steps = solve(problem, tolerance, island.mass, most, is_narrow, is_rough)
     work[SWEEPS], work[NEWTON] = work[SWEEPS] + sweeps, work[NEWTON] + steps
-    work[UNSOLVED] += residual > tolerance
+    work[UNSOLVED] += residual > tolerance and not is_rough
     return residual

@@ -140,12 +140,12 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
 
     """
     members, rows, linearised = island.members, island.problem.rows, LINEARISED * island.scale
-    tolerance = tolerance_of(island)
+    tolerance, is_rough = tolerance_of(island), may_be_rough(island)
     problem = begin_positions(island, 0, 0, working)
     last, has_room = math.inf, True
     rounds, selections = LARGE_ROUNDS if is_large(island) else ROUNDS, SELECTIONS
     while rounds > 0:
-        residual = solved(problem, tolerance, island)
+        residual = solved(problem, tolerance, island, is_rough)
         particles = touched_particles(island, problem)
         place_all(members, particles, problem)
         before = working
@@ -161,7 +161,11 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
         # but for pins they may be left since no solution was found in time
         is_late = not island.is_held and residual > tolerance
         has_room = last == math.inf or joins or shrinks or is_late
-        if (error <= linearised and not joins) or not has_room:
+        is_linear = error <= linearised and not joins
+        if is_linear and is_rough and residual > tolerance:
+            is_rough = False
+            continue
+        if is_linear or not has_room:
             break
         if error > WILD * island.scale:
             # linearised so far away, the next solution would be farther away
@@ -171,6 +175,7 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
             selections -= 1
         else:
             rounds -= 1
+        is_rough = is_rough and rounds > 1
     return problem, has_room
 
 
@@ -180,6 +185,17 @@ def tolerance_of(island: Island) -> float:
     if not island.is_soft:
         return TOLERANCE * island.scale
     return (SOFT_TOLERANCE if len(island.members) > 1 else SINGLE_TOLERANCE) * island.scale
+
+
+@helper
+def may_be_rough(island: Island) -> bool:
+    """
+    Return whether what is solved again may be solved roughly before.
+
+    What is solved to tolerance then does not depend on the order of bodies beyond that: so it must
+    not be linearised at what is known roughly.
+    """
+    return island.is_soft and is_large(island)
 
 
 @helper
@@ -193,8 +209,8 @@ def add_corners(island: Island, problem: Problem) -> Problem:
         problem = begin_positions(island, len(problem.mobility), working, found)
         particles = touched_particles(island, problem)
         linearise(members, particles, problem)
-        for _ in range(2):
-            solved(problem, tolerance_of(island), island)
+        for turn in range(2):
+            solved(problem, tolerance_of(island), island, turn == 0 and may_be_rough(island))
             place_all(members, particles, problem)
             linearise(members, particles, problem)
     return problem
@@ -205,7 +221,7 @@ def yield_to_obstacles(island: Island, problem: Problem) -> None:
     """Leave overlaps as they are, of bodies without room, with the forces of their compliance."""
     for row in problem.rows:
         row['bias'][0] = row['linear_gap']
-    solved(problem, tolerance_of(island), island)
+    solved(problem, tolerance_of(island), island, False)
     place_all(island.members, touched_particles(island, problem), problem)
 
 

@@ -61,9 +61,9 @@ these up to which others are left out."""
 FEW_MODES, FEW_BODIES = 6, 4
 """Of bodies, and bodies of so few modes, up to which Newton's method costs little more than SWEEPS
 sweeps."""
-LARGE_SWEEPS, LARGE_SWEEPS_FEW, SHARED_SWEEPS = 40, 30, 3
+LARGE_SWEEPS, LARGE_SWEEPS_FEW, ROUGH_SWEEPS, SHARED_SWEEPS = 40, 30, 10, 3
 """Most sweeps of islands that are too large for Newton's method, the same of bodies with few
-modes, and those after each model."""
+modes, of what will be solved again, and those after each model."""
 LARGEST_ISLAND = 180
 """Modes of all bodies of an island up to which Newton's equations are factorised."""
 OUTER, STEPS = 60, 400
@@ -95,7 +95,12 @@ PRECISION = 0.03
 
 @helper
 def solve(
-    problem: Problem, tolerance: float, mass: float, most_steps: int, is_narrow: bool
+    problem: Problem,
+    tolerance: float,
+    mass: float,
+    most_steps: int,
+    is_narrow: bool,
+    is_rough: bool,
 ) -> tuple[float, int, int]:
     """
     Solve the contact problem of one island.
@@ -113,6 +118,8 @@ def solve(
     is_narrow : bool
         whether there may be no solution, as obstacles may leave no room: if so, models that do not
         get on are left, and friction is bounded
+    is_rough : bool
+        whether a few sweeps of a large island will do, as it is solved again after that
 
     Returns
     -------
@@ -131,6 +138,7 @@ def solve(
     limit, enough = MOST_SWEEPS, ENOUGH_SWEEPS * len(problem.counts) ** 2
     if is_large:
         limit = LARGE_SWEEPS_FEW if are_few else LARGE_SWEEPS
+        limit = ROUGH_SWEEPS if is_rough else limit
     residual, before, first, sweeps = math.inf, math.inf, math.inf, 0
     keep(rows)
     period = 2 * SWEEPS if is_large else SWEEPS

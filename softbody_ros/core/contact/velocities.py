@@ -95,16 +95,16 @@ def solve_velocities(island: Island, problem: Problem, kept: float) -> None:
 
     """
     members, rows, tolerance = island.members, problem.rows, tolerance_of(island) / island.h
-    solved(problem, tolerance, island)
+    solved(problem, tolerance, island, False)
     impact = any_impact(rows) and all_still(members, rows)
     most = energy_after(members, rows) if impact else 0.0
     if most > (1.0 + GAIN) * kept:
         # simultaneous rebounds with friction could gain energy: it is convex in their share
         rebound(rows, -1.0)
-        solved(problem, tolerance, island)
+        solved(problem, tolerance, island, False)
         least = energy_after(members, rows)
         rebound(rows, min(max((kept - least) / (most - least), 0.0), 1.0))
-        solved(problem, tolerance, island)
+        solved(problem, tolerance, island, False)
     if (is_unsolved(island) or any_tolerated(rows)) and are_passive(members, rows):
         brake_impulses(members, problem)
     add_impulses(members, rows)
