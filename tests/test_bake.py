@@ -438,6 +438,7 @@ def test_frames_show_the_nearest_ticks(seconds, fps, ticks):
         ([CONFIG / 'default.yaml', '-o', 'folder.npz'], 'folder.npz is a folder'),
         ([CONFIG / 'default.yaml', '-o', 'a.npz', '-o', './a.npz'], 'a.npz is given twice'),
         (['.'], 'scene . cannot be read: Is a directory'),
+        ([''], "scene '' cannot be read: No such file or directory"),
         ([CONFIG / 'default.yaml', '--seconds', '-1'], 'seconds is -1: it must be from 0 to'),
         ([CONFIG / 'default.yaml', '--seconds', 'nan'], 'seconds is nan: it must be from 0 to'),
         ([CONFIG / 'default.yaml', '--fps', '0'], 'fps is 0: it must be above 0 and at most 240'),

@@ -81,19 +81,7 @@ def test_a_viewer_that_cannot_serve_is_said_in_one_line_and_the_node_goes_on(gra
     require_one_line(node, 'exit code 1')
 
 
-def test_a_viewer_that_ends_with_its_node_is_no_news(graph):
-    node = graph.process('--viewer', *SMALL)
-    address_in(node)
-    (viewer,) = children_of(node)
-    # as Ctrl-C in a terminal
-    os.kill(viewer, signal.SIGINT)
-    node.send_signal(signal.SIGINT)
-    _, errors = node.communicate(timeout=60)
-    assert node.returncode == 0
-    assert 'the viewer has ended' not in errors
-
-
-def test_the_page_is_served_at_the_port_that_is_given_or_the_next_free_one(graph):
+def test_it_is_served_at_the_next_free_port_and_that_it_ends_with_its_node_is_no_news(graph):
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()
@@ -103,6 +91,13 @@ def test_the_page_is_served_at_the_port_that_is_given_or_the_next_free_one(graph
         assert port < int(served) < port + 100
         with urllib.request.urlopen(address) as page:
             assert page.status == 200
+    (viewer,) = children_of(node)
+    # as Ctrl-C in a terminal
+    os.kill(viewer, signal.SIGINT)
+    node.send_signal(signal.SIGINT)
+    _, errors = node.communicate(timeout=60)
+    assert node.returncode == 0
+    assert 'the viewer has ended' not in errors
 
 
 def test_bad_arguments_end_it_before_anything_is_imported(graph):

@@ -65,7 +65,7 @@ class SceneFile:
                 text = file.read()
         except (OSError, UnicodeError) as error:
             reason = getattr(error, 'strerror', None) or 'it is not UTF-8 text'
-            raise ConfigError(f'scene {path} cannot be read: {reason}') from None
+            raise ConfigError(f'scene {path or repr("")} cannot be read: {reason}') from None
         return cls.of(text, path)
 
     @classmethod
