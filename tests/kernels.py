@@ -5,6 +5,7 @@
 import numpy as np
 
 from softbody_ros.core.compiled import kernel
+from softbody_ros.core.contact.energy import share_for
 from softbody_ros.core.geometry.vectors import (
     matrix_of,
     put_column,
@@ -259,3 +260,17 @@ def goals_at(world, index, x):
     world._integrator.fly(np.array([index]), np.zeros(3), 1e-12)
     first = record['first_goal']
     return state.q[:, first : first + record['count']] + record['origin'][:, None]
+
+
+# ------------------------------------------------------------------------------------------ energy
+@kernel
+def all_shares(a, b, most, result):
+    for k in range(len(a)):
+        result[k] = share_for(a[k], b[k], most[k])
+
+
+def shares_for(a, b, most):
+    """Return shares (k,) of forces whose work a s + b s² is at most so much, all (k,)."""
+    result = np.empty(len(a))
+    all_shares(a, b, most, result)
+    return result

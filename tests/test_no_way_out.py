@@ -3,6 +3,7 @@
 """What cannot get out of the way: obstacles that drive over pins, hinges, bodies without room."""
 
 from core_helpers import assert_kept, floating, many_points, sizes, totals
+from kernels import shares_for
 import numpy as np
 import pytest
 
@@ -281,6 +282,23 @@ def test_an_obstacle_that_is_put_into_a_body_presses_at_once_and_is_replayed():
     world.restore(saved)
     world.step()
     assert np.array_equal(world.positions('cube'), first)
+
+
+def test_the_share_of_forces_is_the_largest_that_does_no_more_work():
+    random, count = np.random.default_rng(0), 2000
+    a, b = random.normal(size=count), random.choice([0.0, 1e-9, 1.0, 1e3], count)
+    most = random.choice([-0.1, 0.0, 1e-12, 0.1, 1.0], count)
+    share = shares_for(a, b, most)
+    assert (share >= 0.0).all() and (share <= 1.0).all()
+    grid = np.linspace(0.0, 1.0, 1001)[:, None]
+    work = a * grid + b * grid**2
+    allowed = work <= most
+    possible = allowed.any(axis=0)
+    assert (~possible).sum() > 200 and 300 < (share == 1.0).sum() < possible.sum() - 300
+    done = (a * share + b * share**2)[possible]
+    assert (done <= most[possible] + 1e-12 * (np.abs(a) + b)[possible]).all()
+    largest = np.where(allowed, grid, 0.0).max(axis=0)
+    assert (share >= largest - 1e-9)[possible].all()
 
 
 @pytest.mark.parametrize('seed', [0, 1, 2])

@@ -185,11 +185,11 @@ def touched_face(
     scale, point = colliders.shapes[body['shape']]['scale'], vector_of(candidate['point'])
     reach = candidate['reach'] + body['reach'] - candidate['allowance'] * scale
     inwards = outwards = ZERO
-    passes = owner < len(colliders.chosen) and surface['pieces'] == 1
+    may_pass = owner < len(colliders.chosen) and surface['pieces'] == 1
     if owner < len(colliders.chosen):
         own = colliders.bodies[colliders.chosen[owner]]
         inwards = minus(vector_of(own['centre']), point)
-        if passes:
+        if may_pass:
             outwards = outward_normal(colliders, own, particle)
 
     touches, inset = False, LOOKUP_INSET
@@ -205,23 +205,28 @@ def touched_face(
             if owner == candidate['other'] and are_neighbours(colliders, body, corners, particle):
                 break
         height, normal, barycentric = height_over_face(point, x, half, body, corners)
-        # a face that has collapsed to a line has no normal
-        touches = height < reach and dot(normal, normal) > 0.5
+        touches = is_within(reach, height, normal)
         passing = (
             touches and height < -PASSING_DEPTH * scale and dot(outwards, normal) > PASSING_COSINE
         )
         if not passing:
             break
         inset = PASSING_INSET
-    if touches and passes:
+    if touches and may_pass:
         own = colliders.bodies[colliders.chosen[owner]]
         way = way_past(x, own, particle, body, point)
         entered = face_of_entry(surfaces, surface, frame, point, way, normal)
         if entered >= 0:
             face, corners = entered, surfaces.faces[entered]
             height, normal, barycentric = height_over_face(point, x, half, body, corners)
-            touches = height < reach and dot(normal, normal) > 0.5
+            touches = is_within(reach, height, normal)
     return touches, face, reach - height, normal, barycentric
+
+
+@helper
+def is_within(reach: float, height: float, normal: Vector) -> bool:
+    """Return whether a face is touched: one that has collapsed to a line has no normal."""
+    return height < reach and dot(normal, normal) > 0.5
 
 
 @helper
