@@ -17,7 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from solids import box
 
-from softbody_ros.core import World, WorldConfig
+from softbody_ros.core import BodyConfig, Surface, World, WorldConfig, make_surface
 
 MODES = ('rigid', 'linear', 'quadratic')
 PLANK = 1.0, 0.2, 0.2
@@ -189,3 +189,43 @@ def test_soft_bars_that_twist_do_not_pass_through_each_other(speed):
     world = floating(one, two, h=1 / 240)
     world.step(round(0.7 * 240 / speed))
     assert centre(world, 'two')[2] > centre(world, 'one')[2]
+
+
+@pytest.mark.parametrize(
+    ('turn', 'place'),
+    [
+        (90.0, (0.041, -0.069)),
+        (45.0, (0.004, 0.135)),
+        (90.0, (-0.124, -0.079)),
+        (45.0, (0.133, 0.003)),
+    ],
+)
+def test_soft_bars_that_warp_do_not_pass_through_each_other(turn, place):
+    # of 2 cm, at 5 m/s: the impact warps their faces, which then overlap at their diagonals
+    cube = make_surface('box', 1.0, 0)
+    bar = Surface(cube.vertices * (0.5, 0.05, 0.01), cube.faces)
+    orientation = Rotation.from_euler('z', turn, degrees=True).as_quat()
+    shared = {'mesh': bar, 'mesh_scale': 1.0, 'stiffness': 0.8}
+    one = BodyConfig(name='one', position=(*place, 0.31), orientation=orientation,
+                     initial_velocity_linear=(0.0, 0.0, -5.0), **shared)  # fmt: skip
+    two = BodyConfig(name='two', position=(0.0, 0.0, 0.0), **shared)
+    world = World(WorldConfig(time_step=1 / 60, gravity_magnitude=0.0, bodies=(one, two)))
+    for _ in range(16):
+        world.step()
+        height = height_where_they_cross(world)
+        if height is None:
+            break
+        assert height > 0.0
+
+
+def height_where_they_cross(world):
+    """Return how far the middle of bar `one` is above that of `two`; None if they do not cross."""
+    ends = []
+    for name in ('one', 'two'):
+        x, along = world.positions(name), world.rest_shape(name).surface.vertices[:, 0]
+        ends.append((x[along < 0.0].mean(axis=0), x[along > 0.0].mean(axis=0)))
+    (a, b), (c, d) = ends
+    share = np.linalg.solve(np.stack([b - a, c - d], axis=1)[:2], (c - a)[:2])
+    if not ((share > 0.0) & (share < 1.0)).all():
+        return None
+    return (a + share[0] * (b - a) - c - share[1] * (d - c))[2]

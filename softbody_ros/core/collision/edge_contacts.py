@@ -34,6 +34,11 @@ PARALLEL = 0.05
 SUPPORT = 0.1
 """Sine of the angle by which a face may be beyond the plane through both edges: flush faces are in
 that plane."""
+WARPED = 0.2
+"""The same of deformable bodies, whose faces are not flat."""
+DEEPEST = 1.5
+"""Overlap before the tick, in half thicknesses of the thinner body, up to which edges get out the
+way they came: for bodies that are equally thick the other way is as short from twice that on."""
 BENT = 0.1
 """Sine of the bend of a long edge between triangles that are coplanar at rest, from which it is a
 ridge: where flush faces bend less, their other edges carry all the same."""
@@ -83,7 +88,8 @@ def find_edge_contacts(colliders: Colliders, codes: np.ndarray, bounds: Bounds) 
         least, largest = enlarged_box(low[second], high[second], one['reach'])
         count_one = edges_in_box(one, of_one, edges, x, least, largest, near_one)
         scale = min(shapes[one['shape']]['scale'], shapes[two['shape']]['scale'])
-        deepest, reach = min(of_one['thinness'], of_two['thinness']), one['reach'] + two['reach']
+        deepest = DEEPEST * min(of_one['thinness'], of_two['thinness'])
+        reach = one['reach'] + two['reach']
         for place in near_one[:count_one]:
             edge, number = edges[place], place - of_one['first_edge']
             for place_two in near_two[:count_two]:
@@ -217,10 +223,17 @@ def closest_points(
     normal = scaled(sign / np.sqrt(square), normal)
     lower = height_of_faces(normal, two, other, begin, other_way, x)
     upper = height_of_faces(scaled(-1.0, normal), one, edge, start, way, x)
-    if lower > SUPPORT or upper > SUPPORT or dot(normal, outward_normal(one, edge, x)) > 0.0:
+    is_beyond = lower > support_of(two) or upper > support_of(one)
+    if is_beyond or dot(normal, outward_normal(one, edge, x)) > 0.0:
         return -1.0, s, t, normal, 0.0
     gap = dot(normal, minus(along(start, s, way), along(begin, t, other_way)))
     return inside, s, t, normal, gap
+
+
+@helper
+def support_of(body: np.void) -> float:
+    """Return the sine of the angle by which faces of a body may be beyond a plane."""
+    return SUPPORT if body['mode'] == RIGID else WARPED
 
 
 @helper
