@@ -43,7 +43,7 @@ def refused(random):
     ],
 )
 @pytest.mark.parametrize(
-    ('first', 'last'), [(20, 60), pytest.param(200, 2000, marks=pytest.mark.slow)]
+    ('first', 'last'), [(30, 90), pytest.param(200, 2000, marks=pytest.mark.slow)]
 )
 def test_a_flood_of_long_lists_leaves_nothing_behind(graph, values, service, first, last):
     """The history keeps what was set, within its budget; a request takes 0.8 MB and more."""

@@ -87,7 +87,7 @@ def main():
     arguments = parser.parse_args()
     frequencies, bodies, modes = FREQUENCIES, BODIES, tuple(MODES)
     if arguments.quick:
-        frequencies, bodies, modes = FREQUENCIES[:1], (), ('linear',)
+        frequencies, bodies, modes = FREQUENCIES[:1], BODIES[:1], ('linear',)
     of_vertices = [lying(frequency, 1) for frequency in frequencies]
     of_bodies = [lying(4, count) for count in bodies]
     vertices = [workload.particles for workload in of_vertices]

@@ -271,21 +271,19 @@ def moved(obstacle: Obstacle, h: float) -> Obstacle:
     if not obstacle.moves:
         if obstacle.is_still:
             return obstacle
-        return _after(obstacle, position, rotation, moves=False)
+        return _after(obstacle, position, rotation)
     if any(config.velocity_angular):
         rotation_change = Rotation.from_rotvec(h * np.array(config.velocity_angular)).as_matrix()
         rotation = rotation_change @ rotation
     # component by component is faster than with arrays
     (x, y, z), (vx, vy, vz) = position.tolist(), config.velocity_linear
     position = np.array((x + h * vx, y + h * vy, z + h * vz))
-    return _after(obstacle, position, rotation, moves=True)
+    return _after(obstacle, position, rotation)
 
 
-def _after(
-    obstacle: Obstacle, position: np.ndarray, rotation: np.ndarray, moves: bool
-) -> Obstacle:
+def _after(obstacle: Obstacle, position: np.ndarray, rotation: np.ndarray) -> Obstacle:
     """Return an obstacle after a tick, at its pose then."""
-    before = (obstacle.position, obstacle.rotation) if moves else None
+    before = (obstacle.position, obstacle.rotation) if obstacle.moves else None
     age = min(obstacle.age + 1, SETTLED)
     return Obstacle(obstacle.config, position, rotation, obstacle.shape, before, age)
 
@@ -311,7 +309,7 @@ def moved_together(moving: Sequence[Obstacle], h: float) -> list[Obstacle]:
     motions['angular'] = [each.config.velocity_angular for each in moving]
     _move(motions, h)
     return [
-        _after(each, position, rotation, moves=True)
+        _after(each, position, rotation)
         for each, position, rotation in zip(
             moving, motions['position'].copy(), motions['rotation'].copy(), strict=True
         )

@@ -192,8 +192,8 @@ def may_be_rough(island: Island) -> bool:
     """
     Return whether what is solved again may be solved roughly before.
 
-    What is solved to tolerance then does not depend on the order of bodies beyond that: so it must
-    not be linearised at what is known roughly.
+    Only in islands that are not solved to tolerance anyway: linearised at a rough solution, the
+    result of others would depend on the order of bodies by more than that.
     """
     return island.is_soft and is_large(island)
 

@@ -242,10 +242,11 @@ def resolve_island(island: Island, working: int) -> tuple[int, int]:
     if acting > 0:
         solve_velocities(island, first_rows(problem, acting, len(particles)), kept)
     share, unsolved = 1.0, island.work[UNSOLVED] > 0
-    may_gain = not any_driven(members) or unsolved or any_inside(members, rows)
     if island.is_soft:
         # deformable bodies may rebound
         may_gain = is_unsolved(island) and are_passive(members, rows)
+    else:
+        may_gain = not any_driven(members) or unsolved or any_inside(members, rows)
     if may_gain:
         most = largest_energy(members, rows[:acting], kept, h)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
