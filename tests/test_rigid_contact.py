@@ -179,6 +179,42 @@ def test_fingers_squeeze_a_rigid_ball_symmetrically_lift_and_release_it(subdivis
     assert centre(world, 'block')[2] < lifted[2] - 0.04
 
 
+@pytest.mark.parametrize('mode', ['rigid', 'linear', 'quadratic'])
+def test_what_two_fingers_meet_at_once_at_the_end_of_a_tick_stays_between_them(mode):
+    # by rounding, one of them is a tick later, and must not find a ball that moves already
+    ball = block(mesh='icosphere', size=0.05, subdivisions=2, mass=0.2, mode=mode,
+                 position=(0.0, 0.0, 0.0))  # fmt: skip
+    world = World(
+        WorldConfig(time_step=0.001, gravity_magnitude=0.0, bodies=(ball,), obstacles=fingers(0.052))
+    )
+    for tick in range(60):
+        gap = 0.002 - 0.05 * tick * 0.001
+        for name, sign in (('left', -1.0), ('right', 1.0)):
+            place = sign * (0.05 + gap + 0.02) - 1e-15, 0.0, 0.0
+            world.move_obstacle(name, place, linear=(-0.05 * sign, 0.0, 0.0))
+        world.step()
+        left, right = (world.obstacle_wrench(name)[0][0] for name in ('left', 'right'))
+        assert left == pytest.approx(-right, rel=1e-7, abs=1e-9)
+    assert left < 0.0
+
+
+@pytest.mark.parametrize('speed', [5.0, 20.0])
+@pytest.mark.parametrize('h', [1 / 240, 1 / 1000])
+def test_no_particle_is_left_in_a_wall_by_an_impact(h, speed):
+    # many particles of a facet are about to touch at once, and the ball hardly turns by any
+    wall = ObstacleConfig(name='wall', type='box', size=(0.01, 1.0, 1.0), position=(0.01, 0.0, 0.0))
+    ball = block(mesh='icosphere', size=0.05, subdivisions=3, position=(-0.3, 0.013, 0.007),
+                 initial_velocity_linear=(speed, 0.0, 0.0))  # fmt: skip
+    world = World(
+        WorldConfig(time_step=h, gravity_magnitude=0.0, bodies=(ball,), obstacles=(wall,))
+    )
+    foremost = -math.inf
+    while world.time < 0.3 / speed + 0.02:
+        world.step()
+        foremost = max(foremost, world.positions('block')[:, 0].max())
+    assert -0.05 < foremost < 1e-4 * 0.05
+
+
 @pytest.mark.parametrize('margin', [0.95, 1.05])
 def test_a_grip_holds_exactly_when_friction_carries_the_weight(margin):
     # a heavy slider on a horizontal rail of gravity presses on the ball: a known normal force

@@ -89,6 +89,13 @@ already: in rest the problem is solved as it is, and pressure becomes even in 20
 ROUNDS, LARGE_ROUNDS, SELECTIONS = 4, 2, 4
 """Linearisations of the positions, at most, and of islands too large for Newton's method; and how
 many more while contacts that had been left out join."""
+SHRINKING = 0.9
+"""Ratio of overlaps with obstacles, from one linearisation to the next, up to which there is room:
+where there is none they are as large, or spread out over both sides."""
+STIFFER = 0.125
+"""Ratio of the compliances of contacts of rigid bodies with obstacles, from one linearisation to
+the next: so overlaps vanish soon, those too that only a rotation with little leverage takes away.
+Not of bodies with each other, which may have been put into each other."""
 SHIFTS, LARGEST_SHIFT, CORNER_SHIFT = 3, 1e-3, 0.05
 """Passes in which bodies are shifted out of obstacles in the end, and how far, in RMS radii: at
 most, and particles at another side than that of their contact."""
@@ -157,7 +164,7 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
             problem = begin_positions(island, len(particles), before, working)
             particles = touched_particles(island, problem)
         error, overlap = linearise(members, particles, problem)
-        shrinks = overlap <= max(0.5 * last, linearised)
+        shrinks = overlap <= max(SHRINKING * last, linearised)
         # but for pins they may be left since no solution was found in time
         is_late = not island.is_held and residual > tolerance
         has_room = last == math.inf or joins or shrinks or is_late
@@ -170,6 +177,7 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
         if error > WILD * island.scale:
             # linearised so far away, the next solution would be farther away
             break
+        stiffen(problem)
         last = overlap
         if joins and selections > 0:
             selections -= 1
@@ -220,6 +228,8 @@ def add_corners(island: Island, problem: Problem) -> Problem:
 def yield_to_obstacles(island: Island, problem: Problem) -> None:
     """Leave overlaps as they are, of bodies without room, with the forces of their compliance."""
     for row in problem.rows:
+        if row['two'] < 0 and own_mobility(row, problem.mobility) == 0.0:
+            row['compliance'][0] = compliance_of(row, island.h) + row['lasting']
         row['bias'][0] = row['linear_gap']
     solved(problem, tolerance_of(island), island, False)
     place_all(island.members, touched_particles(island, problem), problem)
@@ -329,8 +339,7 @@ def begin_positions(island: Island, known: int, first: int, working: int) -> Pro
         if mobility == 0.0 and row['inverse_mass'] == 0.0:
             # between pinned particles
             row['inverse_mass'] = 1.0 / members[row['one']]['mass']
-        compliance = row['softness'] * row['inverse_mass'] * 2.0
-        compliance /= h * h * CONTACT_FREQUENCY * CONTACT_FREQUENCY
+        compliance = compliance_of(row, h)
         row['shares_particles'] = is_shared(row, particles)
         if row['shares_particles']:
             compliance += PROXIMAL * mobility
@@ -353,6 +362,25 @@ def begin_positions(island: Island, known: int, first: int, working: int) -> Pro
         for axis in range(3):
             row['base'][axis] = 0.0
     return first_rows(whole, working, touched)
+
+
+@helper
+def compliance_of(row: np.void, h: float) -> float:
+    """Return the compliance of a contact of rigid bodies, 1 / (M ω²), to λ = h² f / 2."""
+    return (
+        row['softness'] * row['inverse_mass'] * 2.0
+        / (h * h * CONTACT_FREQUENCY * CONTACT_FREQUENCY)
+    )  # fmt: skip
+
+
+@helper
+def stiffen(problem: Problem) -> None:
+    """Lessen the compliances of contacts of rigid bodies with obstacles, see STIFFER."""
+    for row in problem.rows:
+        if row['two'] < 0 and own_mobility(row, problem.mobility) == 0.0:
+            row['compliance'][0] = STIFFER * (row['compliance'][0] - row['lasting'])
+            row['bias'][0] = row['linear_gap'] - row['compliance'][0] * row['force'][0]
+            row['compliance'][0] += row['lasting']
 
 
 @helper

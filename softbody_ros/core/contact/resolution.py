@@ -238,7 +238,7 @@ def resolve_island(island: Island, working: int) -> tuple[int, int]:
     change_velocities(members, rows, particles, h)
     start_velocities(members, particles, problem.modes[0], h)
     put_rotation(members, particles)
-    acting = begin_velocities(members, particles, problem, h)
+    acting = begin_velocities(island, problem)
     if acting > 0:
         solve_velocities(island, first_rows(problem, acting, len(particles)), kept)
     share, unsolved = 1.0, island.work[UNSOLVED] > 0

@@ -75,6 +75,8 @@ VELOCITY_COMPLIANCE = 1e-4
 """Compliance of contacts for velocities, relative to the inverse mass."""
 LARGEST_TWIST = 0.01
 """Rotation by moments that J does not contain, rad, at most."""
+ROUNDING = 1e-12
+"""Displacement of a body by the force of a contact, in RMS radii, up to which it is rounding."""
 SOFT_VELOCITY_COMPLIANCE = 0.01
 """Compliance of contacts of deformable bodies that share no particles, for velocities, relative to
 the response of their particles."""
@@ -195,18 +197,17 @@ def path_of(row: np.void, members: np.ndarray, particles: np.ndarray) -> tuple[V
 
 
 @helper
-def begin_velocities(
-    members: np.ndarray, particles: np.ndarray, problem: Problem, h: float
-) -> int:
+def begin_velocities(island: Island, problem: Problem) -> int:
     """
     Write the problem of velocities; its unknowns are the impulses p.
 
     Contacts without force take no part: those with come first, and their number is returned.
     """
     rows, jacobian, acting = problem.rows, problem.jacobian, 0
+    members, particles, h = island.members, touched_particles(island, problem), island.h
     features = np.empty(QUADRATIC_FEATURES)
     for k in range(len(rows)):
-        if not rows[k]['positional'][0] > 0.0:
+        if not rows[k]['positional'][0] > 0.0 or touches_next(rows[k], island):
             continue
         if acting != k:
             copy_record(rows, acting, rows, k)
@@ -249,6 +250,19 @@ def begin_velocities(
             row['force'][axis] = 0.0
         acting += 1
     return acting
+
+
+@helper
+def touches_next(row: np.void, island: Island) -> bool:
+    """
+    Return whether a contact touches by no more than rounding what it will run into.
+
+    Where two fingers meet a body at once, just at the end of a tick, one must not brake it then
+    and the other one in the next.
+    """
+    least = ROUNDING * island.scale
+    force = row['force'][0] / island.members[row['one']]['mass']
+    return row['is_new'] and force <= least and row['approach'] * island.h < -least
 
 
 @helper
