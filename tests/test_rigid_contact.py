@@ -3,6 +3,7 @@
 """Contact of rigid bodies: stacks, slopes, grips, squeezes and impacts with known outcomes."""
 
 import dataclasses
+import itertools
 import math
 
 from core_helpers import angular_momentum, centre, floating, momentum
@@ -184,9 +185,8 @@ def test_what_two_fingers_meet_at_once_at_the_end_of_a_tick_stays_between_them(m
     # by rounding, one of them is a tick later, and must not find a ball that moves already
     ball = block(mesh='icosphere', size=0.05, subdivisions=2, mass=0.2, mode=mode,
                  position=(0.0, 0.0, 0.0))  # fmt: skip
-    world = World(
-        WorldConfig(time_step=0.001, gravity_magnitude=0.0, bodies=(ball,), obstacles=fingers(0.052))
-    )
+    values = {'time_step': 0.001, 'gravity_magnitude': 0.0}
+    world = World(WorldConfig(bodies=(ball,), obstacles=fingers(0.052), **values))
     for tick in range(60):
         gap = 0.002 - 0.05 * tick * 0.001
         for name, sign in (('left', -1.0), ('right', 1.0)):
@@ -198,11 +198,67 @@ def test_what_two_fingers_meet_at_once_at_the_end_of_a_tick_stays_between_them(m
     assert left < 0.0
 
 
+COMPLIANT = 2e-4
+"""Speed, m/s, that the compliance of contacts for velocities takes from 1 m/s at most."""
+
+
+def row_of_cubes(gap, h, velocities, masses=None, elasticity=1.0):
+    """Return a world of cubes of 20 cm along x, without gravity and friction."""
+    cubes = [
+        block(f'cube{i}', size=0.1, position=((0.2 + gap) * i, 0.0, 0.0), friction=0.0,
+              elasticity=elasticity, mass=masses[i] if masses else 1.0,
+              initial_velocity_linear=(float(velocity), 0.0, 0.0))
+        for i, velocity in enumerate(velocities)
+    ]  # fmt: skip
+    return floating(*cubes, h=h)
+
+
+def speeds_along(world):
+    return [momentum(world, name)[0] for name in world.names]
+
+
+@pytest.mark.parametrize('h', [1 / 60, 1 / 240])
+@pytest.mark.parametrize('gap', [0.0, 1e-3])
+@pytest.mark.parametrize('coming', [1, 2, 3])
+def test_as_many_cubes_leave_a_row_as_come(coming, gap, h):
+    # Newton's cradle, of shapes that meet exactly along their row
+    world = row_of_cubes(gap, h, [1.0] * coming + [0.0] * 4)
+    world.step(round(0.2 / h))
+    assert speeds_along(world) == pytest.approx([0.0] * 4 + [1.0] * coming, abs=COMPLIANT)
+
+
+@pytest.mark.parametrize('elasticity', [0.6, 0.8, 1.0])
+def test_impacts_that_go_on_lose_what_single_ones_do(elasticity):
+    # those of pairs, one after the other, as each cube is slower than the next one after that
+    masses, speed, h = [1.0, 0.5, 0.25, 0.125], 1.0, 1 / 240
+    world = row_of_cubes(0.0, h, [speed, 0.0, 0.0, 0.0], masses, elasticity)
+    world.step(round(0.1 / h))
+    expected = []
+    for one, two in itertools.pairwise(masses):
+        total = one + two
+        expected.append(speed * (one - elasticity * two) / total)
+        speed *= (1.0 + elasticity) * one / total
+    expected.append(speed)
+    assert expected == sorted(expected)
+    assert speeds_along(world) == pytest.approx(expected, abs=COMPLIANT)
+
+
+@pytest.mark.parametrize('elasticity', [0.4, 1.0])
+def test_impacts_from_both_sides_go_on_alike(elasticity):
+    world = row_of_cubes(0.0, 1 / 240, [1.0, 0.0, 0.0, 0.0, -1.0], elasticity=elasticity)
+    world.step(40)
+    found = np.array(speeds_along(world))
+    assert found == pytest.approx(-found[::-1], abs=1e-9)
+    energy = (found**2).sum() / 2.0
+    assert energy <= 1.0 + 1e-12
+    assert (energy > 1.0 - 4.0 * COMPLIANT) == (elasticity == 1.0)
+
+
 @pytest.mark.parametrize('speed', [5.0, 20.0])
 @pytest.mark.parametrize('h', [1 / 240, 1 / 1000])
 def test_no_particle_is_left_in_a_wall_by_an_impact(h, speed):
     # many particles of a facet are about to touch at once, and the ball hardly turns by any
-    wall = ObstacleConfig(name='wall', type='box', size=(0.01, 1.0, 1.0), position=(0.01, 0.0, 0.0))
+    wall = ObstacleConfig(name='wall', type='box', size=(0.01, 1.0, 1.0), position=(0.01, 0, 0))
     ball = block(mesh='icosphere', size=0.05, subdivisions=3, position=(-0.3, 0.013, 0.007),
                  initial_velocity_linear=(speed, 0.0, 0.0))  # fmt: skip
     world = World(

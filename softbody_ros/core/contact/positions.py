@@ -89,9 +89,10 @@ already: in rest the problem is solved as it is, and pressure becomes even in 20
 ROUNDS, LARGE_ROUNDS, SELECTIONS = 4, 2, 4
 """Linearisations of the positions, at most, and of islands too large for Newton's method; and how
 many more while contacts that had been left out join."""
-SHRINKING = 0.9
+SHRINKING, SMALL = 0.9, 0.2
 """Ratio of overlaps with obstacles, from one linearisation to the next, up to which there is room:
-where there is none they are as large, or spread out over both sides."""
+where there is none they are as large, or spread out over both sides. And their ratio to errors
+between bodies, up to which these may be what makes them grow."""
 STIFFER = 0.125
 """Ratio of the compliances of contacts of rigid bodies with obstacles, from one linearisation to
 the next: so overlaps vanish soon, those too that only a rotation with little leverage takes away.
@@ -164,7 +165,7 @@ def solve_positions(island: Island, working: int) -> tuple[Problem, bool]:
             problem = begin_positions(island, len(particles), before, working)
             particles = touched_particles(island, problem)
         error, overlap = linearise(members, particles, problem)
-        shrinks = overlap <= max(SHRINKING * last, linearised)
+        shrinks = overlap <= max(SHRINKING * last, SMALL * error, linearised)
         # but for pins they may be left since no solution was found in time
         is_late = not island.is_held and residual > tolerance
         has_room = last == math.inf or joins or shrinks or is_late

@@ -27,7 +27,14 @@ from softbody_ros.core.contact.energy import (
     share_for,
 )
 from softbody_ros.core.contact.exchange import add_wrench_about
-from softbody_ros.core.contact.island import Island, is_unsolved, solved, touched_particles
+from softbody_ros.core.contact.impacts import pass_on_impacts
+from softbody_ros.core.contact.island import (
+    Island,
+    is_large,
+    is_unsolved,
+    solved,
+    touched_particles,
+)
 from softbody_ros.core.contact.members import (
     add_impulses,
     add_momenta,
@@ -77,6 +84,8 @@ LARGEST_TWIST = 0.01
 """Rotation by moments that J does not contain, rad, at most."""
 ROUNDING = 1e-12
 """Displacement of a body by the force of a contact, in RMS radii, up to which it is rounding."""
+SLOW_IMPACT = 1e-3
+"""Way in a tick, in RMS radii, of impacts that are too slow to go on from body to body."""
 SOFT_VELOCITY_COMPLIANCE = 0.01
 """Compliance of contacts of deformable bodies that share no particles, for velocities, relative to
 the response of their particles."""
@@ -97,8 +106,10 @@ def solve_velocities(island: Island, problem: Problem, kept: float) -> None:
 
     """
     members, rows, tolerance = island.members, problem.rows, tolerance_of(island) / island.h
-    solved(problem, tolerance, island, False)
     impact = any_impact(rows) and all_still(members, rows)
+    if impact and passes_on(island, rows):
+        pass_on_impacts(island, problem, SLOW_IMPACT * island.scale / island.h, tolerance)
+    solved(problem, tolerance, island, False)
     most = energy_after(members, rows) if impact else 0.0
     if most > (1.0 + GAIN) * kept:
         # simultaneous rebounds with friction could gain energy: it is convex in their share
@@ -112,6 +123,12 @@ def solve_velocities(island: Island, problem: Problem, kept: float) -> None:
     add_impulses(members, rows)
     particles = touched_particles(island, problem)
     add_velocities(members, particles, problem.modes[0], problem.shifts[0])
+
+
+@helper
+def passes_on(island: Island, rows: np.ndarray) -> bool:
+    """Return whether impacts of an island go on from body to body: not in heaps or tangles."""
+    return not (island.is_soft or is_large(island) or is_unsolved(island) or any_tolerated(rows))
 
 
 @helper
