@@ -229,7 +229,7 @@ def add_corners(island: Island, problem: Problem) -> Problem:
 def yield_to_obstacles(island: Island, problem: Problem) -> None:
     """Leave overlaps as they are, of bodies without room, with the forces of their compliance."""
     for row in problem.rows:
-        if row['two'] < 0 and own_mobility(row, problem.mobility) == 0.0:
+        if is_of_rigid_body_and_obstacle(row, problem):
             row['compliance'][0] = compliance_of(row, island.h) + row['lasting']
         row['bias'][0] = row['linear_gap']
     solved(problem, tolerance_of(island), island, False)
@@ -375,10 +375,16 @@ def compliance_of(row: np.void, h: float) -> float:
 
 
 @helper
+def is_of_rigid_body_and_obstacle(row: np.void, problem: Problem) -> bool:
+    """Return whether a contact is one whose compliance is lessened, see STIFFER."""
+    return row['two'] < 0 and own_mobility(row, problem.mobility) == 0.0
+
+
+@helper
 def stiffen(problem: Problem) -> None:
     """Lessen the compliances of contacts of rigid bodies with obstacles, see STIFFER."""
     for row in problem.rows:
-        if row['two'] < 0 and own_mobility(row, problem.mobility) == 0.0:
+        if is_of_rigid_body_and_obstacle(row, problem):
             row['compliance'][0] = STIFFER * (row['compliance'][0] - row['lasting'])
             row['bias'][0] = row['linear_gap'] - row['compliance'][0] * row['force'][0]
             row['compliance'][0] += row['lasting']

@@ -277,9 +277,11 @@ def touches_next(row: np.void, island: Island) -> bool:
     Where two fingers meet a body at once, just at the end of a tick, one must not brake it then
     and the other one in the next.
     """
+    if not row['is_new']:
+        return False
     least = ROUNDING * island.scale
-    force = row['force'][0] / island.members[row['one']]['mass']
-    return row['is_new'] and force <= least and row['approach'] * island.h < -least
+    displacement = row['force'][0] / island.members[row['one']]['mass']
+    return displacement <= least and row['approach'] * island.h < -least
 
 
 @helper
