@@ -11,7 +11,12 @@ from scipy.spatial import ConvexHull
 from softbody_ros.core import make_surface
 from softbody_ros.core.body import BODY
 from softbody_ros.core.collision.body_contacts import bound_all
-from softbody_ros.core.collision.broad_phase import CANDIDATE, discard_distant
+from softbody_ros.core.collision.broad_phase import (
+    CANDIDATE,
+    NORMALS,
+    discard_distant,
+    put_extents,
+)
 from softbody_ros.core.compiled import kernel
 from softbody_ros.core.geometry.bounding_boxes import bound_bodies, bounds_of, overlapping
 from softbody_ros.core.shape_matching.rest_shape import SHAPE
@@ -125,12 +130,32 @@ def test_no_point_near_the_hull_of_a_body_is_discarded_and_few_others_are_left()
 
 
 def test_for_few_points_the_particles_of_a_body_are_not_read():
-    bodies, shapes, x, candidates, _ = points_near_two_bodies(4)
+    bodies, shapes, x, candidates, _ = points_near_two_bodies(1)
     everything, x[:] = candidates.copy(), np.nan
     assert discard(bodies, np.arange(2), shapes, x, PARTICLES, len(candidates), candidates) == len(
         everything
     )
     assert np.array_equal(candidates, everything)
+
+
+@kernel
+def extents(x, chosen, low, high):
+    """Bound the particles from one to another as `put_extents` does."""
+    put_extents(x, chosen[0], chosen[1], low, high)
+
+
+@pytest.mark.parametrize('count', [*range(1, 10), 101])
+def test_the_polytope_bounds_each_particle_of_a_body_and_no_other(count):
+    random, low, high = np.random.default_rng(count), *np.empty((2, NORMALS.shape[1]))
+    x = random.normal(size=(3, count + 5))
+    x[:, :2] = x[:, 2 + count :] = 100.0
+    own = x[:, 2 : 2 + count]
+    for place in range(count):
+        own[:, place] *= 10.0  # each of them in turn
+        extents(x, np.array([2, 2 + count]), low, high)
+        heights = NORMALS.T @ own
+        np.testing.assert_allclose(low, heights.min(axis=1), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(high, heights.max(axis=1), rtol=0, atol=1e-13)
 
 
 @kernel

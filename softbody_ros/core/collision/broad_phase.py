@@ -22,13 +22,22 @@ import numpy as np
 from softbody_ros.core.collision.colliders import Bounds, Colliders, PieceBounds
 from softbody_ros.core.collision.point_obstacles import first_beyond
 from softbody_ros.core.compiled import helper
-from softbody_ros.core.geometry.bounding_boxes import overlap
-from softbody_ros.core.geometry.vectors import Vector, dot, minus, norm, plus, vector_of
+from softbody_ros.core.geometry.bounding_boxes import extremes, overlap
+from softbody_ros.core.geometry.vectors import (
+    Vector,
+    column_of,
+    dot,
+    minus,
+    norm,
+    plus,
+    vector_of,
+)
+from softbody_ros.core.lanes import LANES, higher, lanes_of, lower, vectors_at
 
 SLACK = 1e-6
 """Margin of boxes, in RMS radii, so that flush surfaces are found."""
 
-PARTICLES_PER_POINT = 20
+PARTICLES_PER_POINT = 40
 """Particles of a body that the polytope reads in the time in which a point's nearest face is
 found."""
 
@@ -302,8 +311,8 @@ def discard_distant(
     for other in range(len(chosen)):
         body = bodies[chosen[other]]
         if near[other] * PARTICLES_PER_POINT > body['surface']:
-            begin, half = body['first'], 1 - body['now']
-            put_extents(x[half, :, begin : begin + body['surface']], low[other], high[other])
+            first, flown = body['first'], x[1 - body['now']]
+            put_extents(flown, first, first + body['surface'], low[other], high[other])
         else:
             near[other] = 0
     left = first_point
@@ -323,15 +332,20 @@ def discard_distant(
 
 
 @helper
-def put_extents(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-    """Write the least and largest heights (k,) of points x (3, n) along the normals, m."""
-    low[:], high[:] = np.inf, -np.inf
-    for i in range(x.shape[1]):
-        a, b, c = x[0, i], x[1, i], x[2, i]
-        for k in range(len(low)):
-            height = a * NORMALS[0, k] + b * NORMALS[1, k] + c * NORMALS[2, k]
-            low[k] = height if height < low[k] else low[k]
-            high[k] = height if height > high[k] else high[k]
+def put_extents(x: np.ndarray, first: int, end: int, low: np.ndarray, high: np.ndarray) -> None:
+    """Write the least and largest heights (k,) of particles in x (3, N) along the normals, m."""
+    whole = end - (end - first) % LANES
+    for k in range(len(low)):
+        normal = NORMALS[0, k], NORMALS[1, k], NORMALS[2, k]
+        lows, highs = lanes_of(np.inf), lanes_of(-np.inf)
+        for i in range(first, whole, LANES):
+            heights = dot(vectors_at(x, i, LANES), normal)
+            lows, highs = lower(heights, lows), higher(heights, highs)
+        least, largest = extremes(lows, highs)
+        for i in range(whole, end):
+            height = dot(column_of(x, i), normal)
+            least, largest = min(least, height), max(largest, height)
+        low[k], high[k] = least, largest
 
 
 @helper

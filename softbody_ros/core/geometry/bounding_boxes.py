@@ -8,7 +8,7 @@ import numpy as np
 
 from softbody_ros.core.compiled import helper, kernel
 from softbody_ros.core.geometry.vectors import Vector
-from softbody_ros.core.lanes import LANES, higher, lane, lanes_of, lower, weights_at
+from softbody_ros.core.lanes import LANES, Lanes, higher, lane, lanes_of, lower, weights_at
 
 
 def overlapping(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -178,10 +178,16 @@ def bounds_of(row: np.ndarray) -> tuple[float, float]:
         one, two = weights_at(row, start, LANES), weights_at(row, start + LANES, LANES)
         low, other_low = lower(one, low), lower(two, other_low)
         high, other_high = higher(one, high), higher(two, other_high)
-    low, high = lower(low, other_low), higher(high, other_high)
+    least, largest = extremes(lower(low, other_low), higher(high, other_high))
+    for index in range(whole, len(row)):
+        least, largest = min(least, row[index]), max(largest, row[index])
+    return least, largest
+
+
+@helper
+def extremes(low: Lanes, high: Lanes) -> tuple[float, float]:
+    """Return the least of some lanes and the largest of others."""
     least, largest = lane(low, 0), lane(high, 0)
     for k in range(1, LANES):
         least, largest = min(least, lane(low, k)), max(largest, lane(high, k))
-    for index in range(whole, len(row)):
-        least, largest = min(least, row[index]), max(largest, row[index])
     return least, largest
