@@ -5,7 +5,7 @@
 import numpy as np
 
 from softbody_ros.core.compiled import kernel
-from softbody_ros.core.contact.energy import share_for
+from softbody_ros.core.contact.energy import keep_energy, kinetic_energy, share_for
 from softbody_ros.core.geometry.vectors import (
     matrix_of,
     put_column,
@@ -273,4 +273,19 @@ def shares_for(a, b, most):
     """Return shares (k,) of forces whose work a s + b s² is at most so much, all (k,)."""
     result = np.empty(len(a))
     all_shares(a, b, most, result)
+    return result
+
+
+@kernel
+def keep(members, rows, most, result):
+    """Write the share of impulses that is kept, and the energy before and after that, J."""
+    result[1] = kinetic_energy(members)
+    result[0] = keep_energy(members, rows, most[0])
+    result[2] = kinetic_energy(members)
+
+
+def kept(members, rows, most):
+    """Return the share of impulses that is kept, and the energy before and after that, J."""
+    result = np.empty(3)
+    keep(members, rows, np.array([most]), result)
     return result

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What cannot get out of the way: obstacles that drive over pins, hinges, bodies without room."""
 
-from core_helpers import assert_kept, floating, many_points, sizes, totals
-from kernels import shares_for
+from core_helpers import assert_kept, floating, many_points, random_rotation, sizes, totals
+from kernels import kept, shares_for
 import numpy as np
 import pytest
 
@@ -16,6 +16,8 @@ from softbody_ros.core import (
     WorldConfig,
     make_surface,
 )
+from softbody_ros.core.contact.members import MEMBER
+from softbody_ros.core.contact.rows import ROW
 
 
 def fastest(world):
@@ -299,6 +301,43 @@ def test_the_share_of_forces_is_the_largest_that_does_no_more_work():
     assert (done <= most[possible] + 1e-12 * (np.abs(a) + b)[possible]).all()
     largest = np.where(allowed, grid, 0.0).max(axis=0)
     assert (share >= largest - 1e-9)[possible].all()
+
+
+@pytest.mark.parametrize('is_free', [True, False])
+def test_the_largest_share_of_impulses_is_kept_that_leaves_no_more_energy(is_free):
+    random, taken = np.random.default_rng(1), []
+    rows = np.zeros(0 if is_free else 1, ROW)
+    rows['two'] = -1
+    for seed in range(200):
+        members = np.zeros(2, MEMBER)
+        members['mass'] = random.uniform(0.5, 2.0, 2)
+        members['inverse_inertia'] = np.eye(3) * random.uniform(1.0, 30.0, (2, 3, 1))
+        for number, member in enumerate(members):
+            member['rotation'] = random_rotation(2 * seed + number)
+        for name in ('velocity', 'angular_momentum', 'shift'):
+            members[name] = random.normal(size=(2, 3))
+        members['momenta'] = random.normal(size=(2, 2, 3))
+        mass, turned = members['mass'], members['rotation']
+        before, spin = members['momenta'][:, 0], members['momenta'][:, 1]
+        if is_free:
+            spin = spin - np.cross(members['shift'], before)
+        else:
+            spin = np.einsum('mij,mj->mi', turned, spin)
+        shares = np.linspace(0.0, 1.0, 1001)[:, None, None]
+        velocity = before + shares * (members['velocity'] - before)
+        spin = spin + shares * (members['angular_momentum'] - spin)
+        local = np.einsum('mji,smj->smi', turned, spin)
+        turning = np.einsum('smi,mij,smj->sm', local, members['inverse_inertia'], local)
+        energies = 0.5 * (mass * ((velocity**2).sum(axis=2) + turning)).sum(axis=1)
+        most = random.choice([0.3, 0.9, 1.0, 1.5]) * energies[0]
+        share, all_of_it, left = kept(members, rows, most)
+        assert all_of_it == pytest.approx(energies[-1])
+        allowed = energies <= most
+        best = np.flatnonzero(allowed).max() if allowed.any() else energies.argmin()
+        assert share == pytest.approx(best / 1000, abs=1.1e-3)
+        assert left <= (most if allowed.any() else energies.min()) * (1.0 + 1e-9)
+        taken.append(share)
+    assert np.ptp(taken) == 1.0 and np.sum(np.array(taken) % 1.0 > 0.0) > 20
 
 
 @pytest.mark.parametrize('seed', [0, 1, 2])

@@ -220,7 +220,7 @@ def largest_energy(members: np.ndarray, rows: np.ndarray, energy: float, h: floa
 
 
 @helper
-def keep_energy(members: np.ndarray, rows: np.ndarray, energy: float, most: float) -> float:
+def keep_energy(members: np.ndarray, rows: np.ndarray, most: float) -> float:
     """
     Take the share of all impulses after which there is not more energy, and return it.
 
@@ -228,17 +228,26 @@ def keep_energy(members: np.ndarray, rows: np.ndarray, energy: float, most: floa
     those that get something out of the narrow, as a wedge does.
     """
     after, is_free = kinetic_energy(members), not touches_obstacle(rows)
-    middle = np.empty(len(members), members.dtype)
-    for number in range(len(members)):
-        copy_record(middle, number, members, number)
-        take_share(middle[number], 0.5, is_free)
-    # energy + a s + b s²
-    b = 2.0 * (after + energy - 2.0 * kinetic_energy(middle))
-    a = after - energy - b
-    share = share_for(a, b, most - energy) if b > 0.0 else 0.0
+    # with none, there need not be what was before: see `take_share`
+    none = energy_of_share(members, 0.0, is_free)
+    half = energy_of_share(members, 0.5, is_free)
+    # none + a s + b s²
+    b = 2.0 * (after + none - 2.0 * half)
+    a = after - none - b
+    share = share_for(a, b, most - none) if b > 0.0 else 0.0
     for number in range(len(members)):
         take_share(members[number], share, is_free)
     return share
+
+
+@helper
+def energy_of_share(members: np.ndarray, share: float, is_free: bool) -> float:
+    """Return the kinetic energy with a share of all impulses, J."""
+    shared = np.empty(len(members), members.dtype)
+    for number in range(len(members)):
+        copy_record(shared, number, members, number)
+        take_share(shared[number], share, is_free)
+    return kinetic_energy(shared)
 
 
 @helper

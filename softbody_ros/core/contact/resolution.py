@@ -250,7 +250,7 @@ def resolve_island(island: Island, working: int) -> tuple[int, int]:
     if may_gain:
         most = largest_energy(members, rows[:acting], kept, h)
         if kinetic_energy(members) > (1.0 + GAIN) * most:
-            share = keep_energy(members, rows, energy, most)
+            share = keep_energy(members, rows, most)
     put_rotation(members, particles)
     put_forces(rows[:acting], share, h)
     return acting, len(particles)
