@@ -15,6 +15,7 @@ import trimesh
 
 from softbody_ros.core import BodyConfig, ObstacleConfig, Surface, World, WorldConfig, step
 from softbody_ros.core.contact.detection import find_rows
+from softbody_ros.core.contact.workspace import Workspace
 
 G = 9.81
 STEPS = (1 / 60, 1 / 240, 1 / 1000)
@@ -487,7 +488,7 @@ def test_nothing_depends_on_what_was_in_memory_before(monkeypatch):
 
     def with_forces_of_another_scene(*arguments):
         found, more, met = find_rows(*arguments)
-        for rows in (arguments[-1].found[:found], more):
+        for rows in (Workspace(*arguments[-1]).found[:found], more):
             for field in fields:
                 rows[field] = random.normal(size=rows[field].shape)
         return found, more, met

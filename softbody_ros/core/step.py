@@ -203,7 +203,7 @@ class Integrator:
             self._flown, state.match_centre, state.match_posture, environment.records,
             environment.trees, environment.surfaces.arrays if others else NO_SURFACES,
             environment.points, sets, h, others, state.contact_memory, state.reaction,
-            state.is_pinned, workspace,
+            state.is_pinned, tuple(workspace),
         )  # fmt: skip
         rows = more if len(more) else workspace.found[:found]
         return workspace.members[:count], rows, met
@@ -235,7 +235,7 @@ class Integrator:
             state.bodies, state.shapes, state.weights, state.q, state.x, state.v, self._flown,
             environment.records, environment.trees, h, members, rows, self._places,
             state.obstacle_impulse, state.normal_impulse, self.work, state.is_pinned,
-            self._workspace,
+            tuple(self._workspace),
         )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -247,8 +247,8 @@ class CollisionSurfaces:
         self.surfaces = list(surfaces)
 
     @cached_property
-    def arrays(self) -> SurfaceArrays:
-        """All surfaces for kernels."""
+    def arrays(self) -> tuple[Any, ...]:
+        """All surfaces for kernels: SurfaceArrays as a plain tuple, see `contact.workspace`."""
         surfaces = np.zeros(len(self.surfaces), SURFACE)
         columns: dict[str, list[np.ndarray]] = {
             'pieces': [np.zeros(0, PIECE)],
@@ -301,7 +301,7 @@ class CollisionSurfaces:
         joined = {
             name: np.concatenate(arrays, dtype=arrays[0].dtype) for name, arrays in columns.items()
         }
-        return SurfaceArrays(surfaces, trees=pack(trees), **joined)
+        return tuple(SurfaceArrays(surfaces, trees=pack(trees), **joined))
 
 
 NO_SURFACES = CollisionSurfaces(()).arrays

@@ -10,6 +10,8 @@ for others nearby only.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from softbody_ros.core.collision.body_contacts import (
@@ -84,7 +86,7 @@ def find_rows(
     match_posture: np.ndarray,
     obstacles: np.ndarray,
     trees: Trees,
-    surfaces: SurfaceArrays,
+    surfaces: tuple[Any, ...],
     points: np.ndarray,
     sets: np.ndarray,
     h: float,
@@ -92,7 +94,7 @@ def find_rows(
     memory: np.ndarray,
     reaction: np.ndarray,
     is_pinned: np.ndarray,
-    workspace: Workspace,
+    arrays: tuple[Any, ...],
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """
     Find all contacts of bodies after their flight, and write them to the workspace.
@@ -116,7 +118,8 @@ def find_rows(
     obstacles : (O,) OBSTACLE
     trees : Trees
         of the meshes of obstacles
-    surfaces : SurfaceArrays
+    surfaces : tuple
+        SURFACEs and what belongs to them: the arrays of `SurfaceArrays`
     points, sets : (k, 3) float, (s,) POINT_SET
         points that no force moves, see `FixedPoints`
     h : float
@@ -129,8 +132,8 @@ def find_rows(
         what contacts exerted on bodies at the tick before, see `State`
     is_pinned : (N,) bool
         particles that pins hold against any force: they touch no obstacles
-    workspace : Workspace
-        `members` and `found` are written
+    arrays : tuple
+        those of the workspace: `members` and `found` are written
 
     Returns
     -------
@@ -143,12 +146,15 @@ def find_rows(
 
     """
     tick = Tick(bodies, shapes, weights, x, v, flown, obstacles, trees, h, memory, is_pinned)
+    workspace = Workspace(*arrays)
     members, most = workspace.members[: len(chosen)], 0
     begin_members(tick, chosen, others, reaction, members)
     for number in chosen:
         most = max(most, bodies[number]['count'])
     near, rows, more = np.empty(most, CONTACT), workspace.found, np.empty(0, ROW)
-    colliders = Colliders(bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces)
+    colliders = Colliders(
+        bodies, chosen, shapes, q, x, match_centre, match_posture, SurfaceArrays(*surfaces)
+    )
     contacts, found, searches = np.empty(0, FACE_CONTACT), 0, 0
     needed = workspace.needed
     while searches < PASSES:
@@ -192,7 +198,7 @@ def find_missed(
     x: np.ndarray,
     match_centre: np.ndarray,
     match_posture: np.ndarray,
-    surfaces: SurfaceArrays,
+    surfaces: tuple[Any, ...],
     met: np.ndarray,
     needed: np.ndarray,
 ) -> bool:
@@ -221,9 +227,12 @@ def find_missed(
         if is_new and max(one['displaced'], two['displaced']) > 0.0:
             codes[left] = code
             left += 1
+    colliders = Colliders(
+        bodies, chosen, shapes, q, x, match_centre, match_posture, SurfaceArrays(*surfaces)
+    )
     contacts, _ = find_contacts_of_pairs(
-        Colliders(bodies, chosen, shapes, q, x, match_centre, match_posture, surfaces),
-        codes[:left], bounds, np.empty((0, 3)), np.empty(0, POINT_SET), needed[CANDIDATES],
+        colliders, codes[:left], bounds, np.empty((0, 3)), np.empty(0, POINT_SET),
+        needed[CANDIDATES],
     )  # fmt: skip
     misses = False
     for contact in contacts:

@@ -10,6 +10,7 @@ to the particles.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +105,7 @@ def resolve(
     normal_impulse: np.ndarray,
     work: np.ndarray,
     is_pinned: np.ndarray,
-    workspace: Workspace,
+    arrays: tuple[Any, ...],
 ) -> tuple[np.ndarray, bool]:
     """
     Move bodies by the forces of their contacts, from the flight to the end of the tick.
@@ -125,7 +126,8 @@ def resolve(
         added to: Gauss–Seidel sweeps, Newton steps, problems that are not solved to tolerance
     is_pinned : (N,) bool
         see `find_rows`
-    workspace : Workspace
+    arrays : tuple
+        those of the workspace
 
     Returns
     -------
@@ -140,7 +142,7 @@ def resolve(
     left = find_working_set(members, rows, obstacles, status)
     remembered = np.empty(SPARE * left + len(rows), MEMORY)
     kept = remember_overlaps(bodies, members, rows, remembered)
-    workspace = for_islands(workspace, left)
+    workspace = for_islands(Workspace(*arrays), left)
     island, own, waiting = np.empty(count, np.int64), workspace.own, workspace.waiting
     first_body, first_row = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     inside, local = np.empty(count, members.dtype), np.empty(count, np.int64)
