@@ -10,6 +10,7 @@ import browser as browser_of_tests
 import numpy as np
 from PIL import Image
 from playwright.sync_api import expect
+from ros_graph import TIMEOUT
 
 SIM = '/softbody_sim'
 VIEW = {'x': 0, 'y': 0, 'width': 400, 'height': 400}
@@ -58,7 +59,8 @@ class Show:
 
     def picture(self):
         """Return the view, (400, 400, 3), 0 … 255."""
-        image = Image.open(io.BytesIO(self.page.screenshot(clip=VIEW)))
+        picture = self.page.screenshot(clip=VIEW, timeout=1e3 * TIMEOUT)
+        image = Image.open(io.BytesIO(picture))
         return np.asarray(image.convert('RGB')).astype(int)
 
     def orange(self):
