@@ -6,8 +6,9 @@ Memory for contacts, kept from tick to tick.
 In a heap it is tens of megabytes. Freed after each tick they go back to the operating system, and
 to get them again, page by page, takes a fifth of the time of a tick. And what Python passes from
 one kernel to the next is part of an array that Python made: a returned one has a dtype of its own,
-which is compared field by field when it is passed on. That took 6 µs of each tick. It passes them
-as a plain tuple: the class of a named one would be looked up in each call, for another 2 µs.
+which is compared field by field when it is passed on. That took 6 µs of each tick. The arrays
+are passed as a plain tuple: the class of a named one would be looked up in each call, for another
+2 µs.
 """
 
 from __future__ import annotations
